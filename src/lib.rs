@@ -1,0 +1,5 @@
+//! Acoustic ray tracing with diffraction by signed rays (see README.md).
+
+pub mod error;
+pub mod probe;
+pub mod scene;

@@ -1,0 +1,364 @@
+//! The checked scene: everything of a room file in SI units, ready to be planned and run.
+//!
+//! `room.toml` (text) -> [`RoomFile`] (as typed) -> [`Scene`] (checked). Nothing downstream of [`Scene`] meets
+//! an impossible value.
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+
+/// One frequency band, or one tone.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Band {
+    /// Nominal centre in Hz as in IEC 61260-1 (what is printed); the frequency itself for a tone.
+    pub nominal_hz: f64,
+    /// Lower edge in Hz; equal to `high_hz` for a tone.
+    pub low_hz: f64,
+    /// Upper edge in Hz.
+    pub high_hz: f64,
+}
+
+impl Band {
+    /// Whether this is a single frequency rather than a band.
+    pub fn is_tone(&self) -> bool {
+        self.low_hz == self.high_hz
+    }
+}
+
+/// How the bands were asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Spacing {
+    /// Edges at nominal centre * 2^(+-1/2).
+    Octave,
+    /// Edges at nominal centre * 2^(+-1/6).
+    ThirdOctave,
+    /// Single frequencies, no mean.
+    Tones,
+}
+
+/// The medium.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Air {
+    /// Temperature in degrees Celsius.
+    pub temperature_c: f64,
+    /// Relative humidity in percent.
+    pub relative_humidity_percent: f64,
+    /// Static pressure in kPa.
+    pub pressure_kpa: f64,
+    /// Speed of sound in m/s.
+    pub speed_of_sound_m_s: f64,
+    /// Whether the air absorbs (ISO 9613-1).
+    pub absorption: bool,
+    /// Intensity attenuation in Np/m (exp(-m r)), one a band; zero without absorption.
+    pub attenuation_per_m: Vec<f64>,
+}
+
+/// A surface material; every spectrum has one value a band of the scene.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Material {
+    /// Its name in the room file or the library.
+    pub name: String,
+    /// Absorbed (or transmitted) share of the incident energy, 0..=1.
+    pub absorption: Vec<f64>,
+    /// Share of the reflected energy that leaves by Lambert's law, 0..=1.
+    pub scattering: Vec<f64>,
+    /// Transmitted share of the incident energy, 10^(-TL/10); `None`: nothing passes.
+    pub transmission: Option<Vec<f64>>,
+}
+
+/// Index of a material in [`Scene::materials`].
+pub type MaterialId = usize;
+
+/// The faces of a box in the order of [`BoxRoom::faces`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Face {
+    /// x = min.x
+    XMin,
+    /// x = max.x
+    XMax,
+    /// y = min.y
+    YMin,
+    /// y = max.y
+    YMax,
+    /// z = min.z
+    Floor,
+    /// z = max.z
+    Ceiling,
+}
+
+impl Face {
+    /// All six, in index order.
+    pub const ALL: [Face; 6] = [Face::XMin, Face::XMax, Face::YMin, Face::YMax, Face::Floor, Face::Ceiling];
+}
+
+/// A closed cuboid seen from inside.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoxRoom {
+    /// Name.
+    pub name: String,
+    /// Lower corner in m.
+    pub min_m: DVec3,
+    /// Upper corner in m.
+    pub max_m: DVec3,
+    /// Material of each face in the order of [`Face::ALL`]; `None`: the face is not there.
+    pub faces: [Option<MaterialId>; 6],
+}
+
+/// A planar, two-sided polygon.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wall {
+    /// Name.
+    pub name: String,
+    /// At least three corners in m, planar to 1e-6 of their extent, simple, in order.
+    pub corners_m: Vec<DVec3>,
+    /// Material of both sides.
+    pub material: MaterialId,
+    /// Thickness in m, centred on the polygon.
+    pub thickness_m: f64,
+    /// Whether it is the whole plane of its corners.
+    pub unbounded: bool,
+    /// Local frame: origin at corner 1, x towards corner 2, y at right angles towards the other corners.
+    pub frame: Frame,
+}
+
+/// A right-handed local frame of a plane: x, y in the plane, `normal` = x cross y.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// Origin in m.
+    pub origin_m: DVec3,
+    /// Unit vector along local x.
+    pub x: DVec3,
+    /// Unit vector along local y.
+    pub y: DVec3,
+    /// Unit normal.
+    pub normal: DVec3,
+}
+
+impl Frame {
+    /// World position of the local point (x, y) in m.
+    pub fn point(&self, x_m: f64, y_m: f64) -> DVec3 {
+        self.origin_m + self.x * x_m + self.y * y_m
+    }
+
+    /// Local coordinates (x, y, height over the plane) of a world point, in m.
+    pub fn local(&self, p: DVec3) -> DVec3 {
+        self.turn(p - self.origin_m)
+    }
+
+    /// Components of a direction along local x, y and the normal.
+    pub fn turn(&self, d: DVec3) -> DVec3 {
+        DVec3::new(d.dot(self.x), d.dot(self.y), d.dot(self.normal))
+    }
+}
+
+/// Triangles read from a file next to the room file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mesh {
+    /// The file as given.
+    pub file: PathBuf,
+    /// Corners of each triangle in m.
+    pub triangles_m: Vec<[DVec3; 3]>,
+    /// Material of each triangle.
+    pub materials: Vec<MaterialId>,
+}
+
+/// What an opening is cut into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Host {
+    /// Index in [`Scene::walls`].
+    Wall(usize),
+    /// A face of the box with this index in [`Scene::boxes`].
+    BoxFace(usize, Face),
+}
+
+/// A door leaf: the part of the hole it covers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Leaf {
+    /// Covered interval along local x in m, not empty.
+    pub x_m: [f64; 2],
+    /// Its material.
+    pub material: MaterialId,
+    /// Its thickness in m.
+    pub thickness_m: f64,
+}
+
+/// A hole in a wall or box face, in the host's local frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Opening {
+    /// Name.
+    pub name: String,
+    /// What it is cut into.
+    pub host: Host,
+    /// The host's local frame (box faces: see docs/room-file.md).
+    pub frame: Frame,
+    /// Limits of the hole along local x in m, ascending; may be infinite on an unbounded wall.
+    pub hole_x_m: [f64; 2],
+    /// Limits along local y in m, ascending; infinite for a slit.
+    pub y_m: [f64; 2],
+    /// The part that the leaf leaves open, ascending; empty (equal limits) when the door is closed.
+    pub open_x_m: [f64; 2],
+    /// The door leaf, if it covers anything.
+    pub leaf: Option<Leaf>,
+}
+
+impl Opening {
+    /// Whether nothing is open.
+    pub fn is_closed(&self) -> bool {
+        self.open_x_m[1] <= self.open_x_m[0]
+    }
+
+    /// Whether it is infinitely long along local y.
+    pub fn is_slit(&self) -> bool {
+        self.y_m[0] == f64::NEG_INFINITY && self.y_m[1] == f64::INFINITY
+    }
+}
+
+/// The kind of a source.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SourceKind {
+    /// A point.
+    Point,
+    /// An infinite line through the position along this unit vector.
+    Line(DVec3),
+    /// A plane wave travelling along this unit vector.
+    Plane(DVec3),
+}
+
+/// A first-order directivity |a + (1-a) cos| about an axis, 1 on the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Directivity {
+    /// The omnidirectional share a: 1 omni, 0.5 cardioid, 0 dipole.
+    pub omni_share: f64,
+    /// Unit vector of the axis.
+    pub axis: DVec3,
+}
+
+impl Directivity {
+    /// Intensity towards the unit vector `d`, relative to the axis.
+    pub fn intensity(&self, d: DVec3) -> f64 {
+        let p = self.omni_share + (1.0 - self.omni_share) * d.dot(self.axis);
+        p * p
+    }
+}
+
+/// A sound source.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Source {
+    /// Name.
+    pub name: String,
+    /// Position in m.
+    pub position_m: DVec3,
+    /// Point, line or plane.
+    pub kind: SourceKind,
+    /// Sound power level in dB re 1 pW, one a band.
+    pub power_db: Option<Vec<f64>>,
+    /// Directivity.
+    pub directivity: Directivity,
+}
+
+/// A microphone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Probe {
+    /// Name.
+    pub name: String,
+    /// Position in m.
+    pub position_m: DVec3,
+}
+
+/// Which edges diffract.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Edges {
+    /// Convex edges of the geometry and all openings.
+    Auto,
+    /// Openings only.
+    Openings,
+    /// None: the ablation. Openings are plain holes.
+    Off,
+}
+
+/// How diffraction is modelled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Transport {
+    /// Signed rays with the Keller-calibrated wave BSDF.
+    Wbsdf,
+    /// The published small-angle form.
+    Paraxial,
+    /// No diffraction.
+    Geometric,
+}
+
+/// Options of a run.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Simulation {
+    /// Seed of every random number.
+    pub seed: u64,
+    /// Standard error in dB at which the run stops.
+    pub target_db: f64,
+    /// Upper bound of traced rays, all sources together.
+    pub max_rays: u64,
+    /// Upper bound of tracing time in s.
+    pub max_time_s: f64,
+    /// Deterministic specular reflections.
+    pub reflection_order: usize,
+    /// Diffractions in a row on deterministic paths.
+    pub diffraction_order: usize,
+    /// Which edges diffract.
+    pub edges: Edges,
+    /// How diffraction is modelled.
+    pub transport: Transport,
+}
+
+/// Options of the impulse responses.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Output {
+    /// Sample rate in Hz.
+    pub sample_rate_hz: u32,
+    /// Length in s; `None`: from the decay.
+    pub response_length_s: Option<f64>,
+}
+
+/// A parameter sweep.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Sweep {
+    /// Path of the value in the room file, as `opening.door.open_m`.
+    pub parameter: String,
+    /// The values in the order given.
+    pub values: Vec<f64>,
+}
+
+/// A checked scene in SI units.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// Name.
+    pub name: String,
+    /// The medium.
+    pub air: Air,
+    /// How the bands were asked for.
+    pub spacing: Spacing,
+    /// The bands in ascending order.
+    pub bands: Vec<Band>,
+    /// All materials in use.
+    pub materials: Vec<Material>,
+    /// Cuboid rooms.
+    pub boxes: Vec<BoxRoom>,
+    /// Polygons.
+    pub walls: Vec<Wall>,
+    /// Imported meshes.
+    pub meshes: Vec<Mesh>,
+    /// Holes.
+    pub openings: Vec<Opening>,
+    /// Sources.
+    pub sources: Vec<Source>,
+    /// Probes.
+    pub probes: Vec<Probe>,
+    /// Run options.
+    pub simulation: Simulation,
+    /// Impulse response options.
+    pub output: Output,
+    /// The file's own sweep.
+    pub sweep: Option<Sweep>,
+}
