@@ -3,3 +3,4 @@
 pub mod error;
 pub mod probe;
 pub mod scene;
+pub mod wbsdf;
