@@ -1,0 +1,99 @@
+//! Triangles of a mesh merged into patches: connected, coplanar, of one material.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+
+use super::planes::PlaneBook;
+use crate::scene::{MaterialId, Mesh};
+
+/// A mesh whose coinciding corners are one vertex.
+pub(crate) struct Topology {
+    /// Vertex indices of each triangle.
+    pub(crate) triangles: Vec<[usize; 3]>,
+    /// The triangles (with multiplicity) at each undirected edge, lower vertex first.
+    pub(crate) edges: HashMap<(usize, usize), Vec<usize>>,
+}
+
+impl Topology {
+    /// Joins corners that agree after rounding to `weld_m`.
+    pub(crate) fn new(triangles_m: &[[DVec3; 3]], weld_m: f64) -> Self {
+        let mut index: HashMap<[i64; 3], usize> = HashMap::new();
+        let triangles: Vec<[usize; 3]> = triangles_m
+            .iter()
+            .map(|t| {
+                t.map(|p| {
+                    let next = index.len();
+                    *index.entry((p / weld_m).to_array().map(|v| v.round() as i64)).or_insert(next)
+                })
+            })
+            .collect();
+        let mut edges: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
+        for (i, t) in triangles.iter().enumerate() {
+            for k in 0..3 {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                if a != b {
+                    edges.entry((a.min(b), a.max(b))).or_default().push(i);
+                }
+            }
+        }
+        Self { triangles, edges }
+    }
+}
+
+/// Connected coplanar triangles of one material.
+pub(crate) struct Patch {
+    /// Indices of the mesh's triangles, ascending.
+    pub(crate) triangles: Vec<usize>,
+    /// Plane id.
+    pub(crate) plane: usize,
+    /// Material of all of them.
+    pub(crate) material: MaterialId,
+}
+
+/// Normal of a triangle; zero if it has no area.
+pub(crate) fn triangle_normal(t: &[DVec3; 3]) -> DVec3 {
+    (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero()
+}
+
+/// Merges the triangles of `mesh`; triangles without area are left out. Ordered by their first triangle.
+pub(crate) fn patches(mesh: &Mesh, book: &mut PlaneBook, weld_m: f64) -> Vec<Patch> {
+    let topology = Topology::new(&mesh.triangles_m, weld_m);
+    let planes: Vec<Option<usize>> = mesh
+        .triangles_m
+        .iter()
+        .map(|t| {
+            let n = triangle_normal(t);
+            (n != DVec3::ZERO).then(|| book.id(n, t))
+        })
+        .collect();
+    let mut parent: Vec<usize> = (0..planes.len()).collect();
+    for sharing in topology.edges.values() {
+        for (a, b) in sharing.iter().enumerate().flat_map(|(i, &a)| sharing[i + 1..].iter().map(move |&b| (a, b))) {
+            if planes[a].is_some() && planes[a] == planes[b] && mesh.materials[a] == mesh.materials[b] {
+                let (ra, rb) = (root(&mut parent, a), root(&mut parent, b));
+                parent[ra.max(rb)] = ra.min(rb);
+            }
+        }
+    }
+    let mut patches: Vec<Patch> = Vec::new();
+    let mut of_root: HashMap<usize, usize> = HashMap::new();
+    for i in 0..planes.len() {
+        let Some(plane) = planes[i] else { continue };
+        let r = root(&mut parent, i);
+        let at = *of_root.entry(r).or_insert_with(|| {
+            patches.push(Patch { triangles: Vec::new(), plane, material: mesh.materials[i] });
+            patches.len() - 1
+        });
+        patches[at].triangles.push(i);
+    }
+    patches
+}
+
+fn root(parent: &mut [usize], mut i: usize) -> usize {
+    while parent[i] != i {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    i
+}

@@ -1,0 +1,193 @@
+//! Ray queries: closest hit, blocked segments, all hits along a segment, distance to the nearest surface.
+
+use glam::DVec3;
+
+use super::facet::PORTAL_BIT;
+use super::{Element, Geometry, Hit, Skip};
+
+/// Two hits nearer than this times (1 + distance in m) are at the same distance.
+const TIE: f64 = 1e-9;
+
+/// A skip as the facets store ids; `u32::MAX` is no id.
+#[derive(Clone, Copy)]
+struct Skipped {
+    plane: u32,
+    group: u32,
+}
+
+impl From<Skip> for Skipped {
+    fn from(skip: Skip) -> Self {
+        let id = |i: Option<usize>| i.map_or(u32::MAX, |i| i as u32);
+        Self { plane: id(skip.plane), group: id(skip.group) }
+    }
+}
+
+impl Skipped {
+    #[inline(always)]
+    fn covers(self, plane: u32, group: u32) -> bool {
+        (plane == self.plane) | (group == self.group)
+    }
+}
+
+/// A hit in the making.
+#[derive(Clone, Copy)]
+struct Candidate {
+    t: f64,
+    /// Surfaces that face the ray come before those seen from behind, lower indices before higher ones.
+    rank: (bool, u32),
+    plane: u32,
+    group: u32,
+}
+
+impl Geometry {
+    /// The nearest surface or portal along the ray from `origin` (m) in the unit `direction`, nearer than `t_max` (m).
+    ///
+    /// At equal distance (within 1e-9 (1 + t)) the surface whose normal faces the ray wins, then the lower index, surfaces before
+    /// portals. A one-sided surface within rounding of the origin is met if the ray runs against its normal, any other if it
+    /// does not lie behind the origin.
+    pub fn closest(&self, origin: DVec3, direction: DVec3, t_max: f64, skip: Skip) -> Option<Hit> {
+        let skip = Skipped::from(skip);
+        let o = origin - self.centre_m;
+        let mut best: Option<Candidate> = None;
+        let mut limit = t_max;
+        let mut consider = |limit: &mut f64, t: f64, element: u32, plane: u32, group: u32, faces: bool| {
+            // t may be NaN: written so that NaN fails
+            if !(t >= -self.tolerance_m && t < *limit) {
+                return false;
+            }
+            let one_sided = self.is_one_sided(element);
+            if t <= self.tolerance_m && !(if one_sided { faces } else { t >= 0.0 }) {
+                return false;
+            }
+            let rank = (one_sided && !faces, element);
+            if let Some(b) = best {
+                let same = (t - b.t).abs() <= TIE * (1.0 + b.t);
+                if (same && (rank > b.rank || (rank == b.rank && t >= b.t))) || (!same && t > b.t) {
+                    return false;
+                }
+            }
+            best = Some(Candidate { t, rank, plane, group });
+            *limit = (t + TIE * (1.0 + t)).min(t_max);
+            true
+        };
+        for screen in &self.screens {
+            let (plane, group) = (screen.plane as u32, screen.group as u32);
+            if !skip.covers(plane, group)
+                && let Some((t, element, group)) = screen.meet(o, direction)
+                && !skip.covers(plane, group as u32)
+            {
+                consider(&mut limit, t, element, plane, group as u32, screen.faces(direction));
+            }
+        }
+        self.tree.visit(o, direction, limit, |i, facet| {
+            if skip.covers(facet.plane, facet.group) {
+                return None;
+            }
+            let t = facet.meet(o, direction)?;
+            let element = self.tree.shapes[i].element;
+            let found = t < limit && consider(&mut limit, t, element, facet.plane, facet.group, facet.faces(direction));
+            found.then_some(limit)
+        });
+        best.map(|b| self.hit(origin, direction, b))
+    }
+
+    /// Whether any surface or portal lies strictly between two points (m).
+    ///
+    /// Hits within 1e-9 (1 + length) of an end point do not block. The skips name what the end points stand on and hold along the whole
+    /// segment. Points on an edge of a solid need none.
+    pub fn blocked(&self, from: DVec3, to: DVec3, skip_from: Skip, skip_to: Skip) -> bool {
+        let Some((direction, range)) = self.between(from, to) else { return false };
+        let (a, b) = (Skipped::from(skip_from), Skipped::from(skip_to));
+        let o = from - self.centre_m;
+        let skipped = |plane: u32, group: u32| a.covers(plane, group) | b.covers(plane, group);
+        for screen in &self.screens {
+            let plane = screen.plane as u32;
+            if let Some((t, _, group)) = screen.meet(o, direction)
+                && range.contains(&t)
+                && !skipped(plane, group as u32)
+            {
+                return true;
+            }
+        }
+        let mut blocked = false;
+        self.tree.visit(o, direction, range.end, |_, facet| {
+            if skipped(facet.plane, facet.group) {
+                return None;
+            }
+            let t = facet.meet(o, direction)?;
+            blocked |= range.contains(&t);
+            blocked.then_some(f64::NEG_INFINITY)
+        });
+        blocked
+    }
+
+    /// Everything strictly between two points (m) in order, each group once and of touching surfaces in one plane the one that
+    /// faces the ray: multiply the transmission of the surfaces, stop at a portal.
+    ///
+    /// End points and skips as in [`Geometry::blocked`]; `t` counts from `from`.
+    pub fn segment(&self, from: DVec3, to: DVec3, skip_from: Skip, skip_to: Skip) -> Vec<Hit> {
+        let Some((direction, range)) = self.between(from, to) else { return Vec::new() };
+        let (a, b) = (Skipped::from(skip_from), Skipped::from(skip_to));
+        let o = from - self.centre_m;
+        let mut found: Vec<Candidate> = Vec::new();
+        let mut consider = |t: f64, element: u32, plane: u32, group: u32, faces: bool| {
+            if range.contains(&t) && !a.covers(plane, group) && !b.covers(plane, group) {
+                let rank = (self.is_one_sided(element) && !faces, element);
+                found.push(Candidate { t, rank, plane, group });
+            }
+        };
+        for screen in &self.screens {
+            if let Some((t, element, group)) = screen.meet(o, direction) {
+                consider(t, element, screen.plane as u32, group as u32, screen.faces(direction));
+            }
+        }
+        self.tree.visit(o, direction, range.end, |i, facet| {
+            if let Some(t) = facet.meet(o, direction) {
+                consider(t, self.tree.shapes[i].element, facet.plane, facet.group, facet.faces(direction));
+            }
+            None
+        });
+        found.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.rank.cmp(&b.rank)));
+        let mut hits: Vec<Candidate> = Vec::new();
+        for c in found {
+            if hits.iter().any(|h| h.group == c.group) {
+                continue;
+            }
+            match hits.last_mut() {
+                Some(last) if last.plane == c.plane => {
+                    if c.rank < last.rank {
+                        *last = c;
+                    }
+                }
+                _ => hits.push(c),
+            }
+        }
+        hits.into_iter().map(|c| self.hit(from, direction, c)).collect()
+    }
+
+    /// Distance in m from a point (m) to the nearest surface, portals not counted; infinite in an empty scene.
+    pub fn closest_surface_distance(&self, point: DVec3) -> f64 {
+        let p = point - self.centre_m;
+        let facets = self.tree.shapes.iter().filter(|s| s.element & PORTAL_BIT == 0).map(|s| s.distance(p));
+        facets.chain(self.screens.iter().map(|s| s.distance(p))).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Unit direction and the open range of distances strictly between two points; `None` if they coincide.
+    fn between(&self, from: DVec3, to: DVec3) -> Option<(DVec3, std::ops::Range<f64>)> {
+        let length = (to - from).length();
+        let end = TIE * (1.0 + length) + self.tolerance_m;
+        (length > 2.0 * end && length.is_finite()).then(|| ((to - from) / length, end..length - end))
+    }
+
+    #[inline(always)]
+    fn is_one_sided(&self, element: u32) -> bool {
+        element & PORTAL_BIT == 0 && self.surfaces[element as usize].one_sided
+    }
+
+    fn hit(&self, origin: DVec3, direction: DVec3, c: Candidate) -> Hit {
+        let t = c.t.max(0.0);
+        let index = (c.rank.1 & !PORTAL_BIT) as usize;
+        let element = if c.rank.1 & PORTAL_BIT == 0 { Element::Surface(index) } else { Element::Portal(index) };
+        Hit { t, point: origin + direction * t, element, plane: c.plane as usize, group: c.group as usize }
+    }
+}
