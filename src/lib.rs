@@ -2,4 +2,5 @@
 
 pub mod error;
 pub mod probe;
+pub mod response;
 pub mod scene;
