@@ -14,7 +14,7 @@ use crate::probe::Reception;
 use crate::scene::Band;
 
 use super::energy::EnergyCurve;
-use super::spectrum::{between, fade, ln_magnitude};
+use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 
 /// Half width of the cross-fade between two bands, as a share of the narrower one's width in octaves.
 const CROSSFADE_SHARE: f64 = 1.0 / 6.0;
@@ -46,11 +46,11 @@ pub(super) fn noise(
     // Buffers have the plan's own lengths, the only thing the transforms can object to.
     let done = forward.process(&mut samples, &mut white);
     debug_assert!(done.is_ok());
-    let step_hz = sample_rate_hz / grid as f64;
+    let (step_hz, centres) = (sample_rate_hz / grid as f64, centres_hz(bands));
     let magnitude: Vec<f64> = (0..white.len())
         .map(|k| {
             let hz = k as f64 * step_hz;
-            between(bands, hz).of(&ln).exp() * fade(bands, &silent, hz) * outer_fade(bands, hz)
+            between_hz(&centres, hz).of(&ln).exp() * fade(bands, &silent, hz) * outer_fade(bands, hz)
         })
         .collect();
 

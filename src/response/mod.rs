@@ -240,7 +240,7 @@ fn add_paths(reception: &Reception, shaper: &mut Shaper<'_>, shift_s: f64, sampl
             continue;
         }
         let ln = ln_magnitude(bands, intensity);
-        let (pulse, _) = shaper.pulse(&ln, &silent, fraction);
+        let pulse = shaper.pulse(&ln, &silent, fraction);
         let half = pulse.len() / 2;
         for (n, p) in pulse[..half].iter().enumerate().take(samples.len() - whole) {
             samples[whole + n] += p;

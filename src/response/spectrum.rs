@@ -17,37 +17,42 @@ const SILENT_LN: f64 = -9.210340371976184;
 /// Share of a band's width in octaves over which it fades towards a silent neighbour.
 const FADE_SHARE: f64 = 1.0 / 6.0;
 
-/// Where a frequency lies between the band centres: value = (1 - share) v[band] + share v[band + 1].
+/// Where a frequency lies between support points: value = (1 - share) v[point] + share v[next].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Between {
-    band: usize,
+    point: usize,
+    next: usize,
     share: f64,
 }
 
 impl Between {
-    /// Interpolates one value a band.
+    /// Interpolates one value a support point.
     pub(super) fn of(&self, values: &[f64]) -> f64 {
-        let here = values[self.band];
-        match values.get(self.band + 1) {
-            Some(next) => here + self.share * (next - here),
-            None => here,
-        }
+        values[self.point] + self.share * (values[self.next] - values[self.point])
+    }
+
+    /// The two support points with their shares.
+    pub(super) fn shares(&self) -> [(usize, f64); 2] {
+        [(self.point, 1.0 - self.share), (self.next, self.share)]
     }
 }
 
-/// Place of `hz` between the centres of `bands` (at least one, ascending).
-pub(super) fn between(bands: &[Band], hz: f64) -> Between {
-    let above = bands.partition_point(|b| centre_hz(b) <= hz);
-    if above == 0 {
-        return Between { band: 0, share: 0.0 };
-    }
-    match bands.get(above) {
-        None => Between { band: above - 1, share: 0.0 },
-        Some(next) => {
-            let here = centre_hz(&bands[above - 1]);
-            Between { band: above - 1, share: (hz / here).ln() / (centre_hz(next) / here).ln() }
-        }
-    }
+/// Place of `hz` between support points at `points_hz` (at least one, ascending), linear in ln f; held outside them.
+pub(super) fn between_hz(points_hz: &[f64], hz: f64) -> Between {
+    let above = points_hz.partition_point(|p| *p <= hz);
+    let point = above.saturating_sub(1);
+    let next = above.min(points_hz.len() - 1);
+    let share = if point == next {
+        0.0
+    } else {
+        (hz / points_hz[point]).ln() / (points_hz[next] / points_hz[point]).ln()
+    };
+    Between { point, next, share }
+}
+
+/// Geometric centres of bands in Hz, the support points of their spectra.
+pub(super) fn centres_hz(bands: &[Band]) -> Vec<f64> {
+    bands.iter().map(centre_hz).collect()
 }
 
 /// Geometric centre of a band in Hz.
@@ -158,8 +163,9 @@ impl<'a> Shaper<'a> {
     /// Prepares the grid for `bands` (at least one).
     pub(super) fn new(bands: &'a [Band], sample_rate_hz: f64, planner: &mut RealFftPlanner<f64>) -> Self {
         let length = ((0.17 * sample_rate_hz) as usize).next_power_of_two().max(64);
+        let centres = centres_hz(bands);
         let places: Vec<Between> =
-            (0..=length / 2).map(|k| between(bands, k as f64 * sample_rate_hz / length as f64)).collect();
+            (0..=length / 2).map(|k| between_hz(&centres, k as f64 * sample_rate_hz / length as f64)).collect();
         let (forward, inverse) = (planner.plan_fft_forward(length), planner.plan_fft_inverse(length));
         let mut shaper = Self {
             bands,
@@ -227,60 +233,85 @@ impl<'a> Shaper<'a> {
         debug_assert!(done.is_ok());
     }
 
-    /// Minimum phase on the pulse grid of the spectrum through `ln_magnitude` with `silent` bands faded out.
-    fn phase(&mut self, ln_magnitude: &[f64], silent: &[bool]) -> Vec<f64> {
+    /// Computes the fade of a set of silent bands, unless all sound or it is there already.
+    fn prepare_fade(&mut self, silent: &[bool]) {
+        if !silent.contains(&true) || self.fades.contains_key(silent) {
+            return;
+        }
+        let magnitude: Vec<f64> = self.frequencies().map(|hz| fade(self.bands, silent, hz)).collect();
+        let ln: Vec<f64> = magnitude.iter().map(|m| m.ln().max(SILENT_LN)).collect();
+        let phase = self.minimum_phase(&ln);
+        self.fades.insert(silent.to_vec(), Fade { magnitude, phase });
+    }
+
+    /// Frequencies of the pulse grid in Hz.
+    fn frequencies(&self) -> impl Iterator<Item = f64> + use<> {
+        let step = self.sample_rate_hz / self.length as f64;
+        (0..=self.length / 2).map(move |k| k as f64 * step)
+    }
+
+    /// The pulse with the spectrum exp(`ln_magnitude`) at the band centres, delayed by `fraction` (0..1) of a sample.
+    ///
+    /// The pulse is circular: index 0 is its nominal arrival, the upper half lies before it. Its phase is the minimum
+    /// phase if its largest sample is then within one sample of the nominal arrival; else (steep low-pass and narrow-band
+    /// spectra, whose minimum-phase pulse swells later) the largest of 3/4, 1/2, 1/4, 0 times that phase which fulfils it:
+    /// with phase 0 the peak is at the arrival always.
+    pub(super) fn pulse(&mut self, ln_magnitude: &[f64], silent: &[bool], fraction: f64) -> &[f64] {
+        self.prepare_fade(silent);
         let mut phase = vec![0.0; self.places.len()];
         for (ln, unit) in ln_magnitude.iter().zip(&self.unit_phase) {
             for (sum, u) in phase.iter_mut().zip(unit) {
                 *sum += ln * u;
             }
         }
-        if silent.contains(&true) {
-            if !self.fades.contains_key(silent) {
-                let step = self.sample_rate_hz / self.length as f64;
-                let magnitude: Vec<f64> =
-                    (0..self.places.len()).map(|k| fade(self.bands, silent, k as f64 * step)).collect();
-                let ln: Vec<f64> = magnitude.iter().map(|m| m.ln().max(SILENT_LN)).collect();
-                let phase = self.minimum_phase(&ln);
-                self.fades.insert(silent.to_vec(), Fade { magnitude, phase });
-            }
-            for (sum, p) in phase.iter_mut().zip(&self.fades[silent].phase) {
-                *sum += p;
+        let mut magnitude: Vec<f64> = self.places.iter().map(|p| p.of(ln_magnitude).exp()).collect();
+        if let Some(fade) = self.fades.get(silent) {
+            for (k, (p, m)) in phase.iter_mut().zip(&mut magnitude).enumerate() {
+                *p += fade.phase[k];
+                *m *= fade.magnitude[k];
             }
         }
+        self.settle(&magnitude, &mut phase, fraction);
+        &self.pulse
+    }
+
+    /// Phase on the pulse grid of a gain exp(`ln_gain`(f)) with `silent` bands faded out, chosen as for a pulse.
+    pub(super) fn gain_phase(&mut self, silent: &[bool], ln_gain: impl Fn(f64) -> f64) -> Vec<f64> {
+        self.prepare_fade(silent);
+        let ln: Vec<f64> = self.frequencies().map(ln_gain).collect();
+        let mut phase = self.minimum_phase(&ln);
+        let mut magnitude: Vec<f64> = ln.iter().map(|ln| ln.exp()).collect();
+        if let Some(fade) = self.fades.get(silent) {
+            for (k, (p, m)) in phase.iter_mut().zip(&mut magnitude).enumerate() {
+                *p += fade.phase[k];
+                *m *= fade.magnitude[k];
+            }
+        }
+        self.settle(&magnitude, &mut phase, 0.0);
         phase
     }
 
-    /// The pulse with the spectrum exp(`ln_magnitude`) at the band centres, delayed by `fraction` (0..1) of a sample, and
-    /// its phase without that delay on the pulse grid.
-    ///
-    /// The pulse is circular: index 0 is its nominal arrival, the upper half lies before it. Its phase is the minimum
-    /// phase if its largest sample is then within one sample of the nominal arrival; else (steep low-pass and narrow-band
-    /// spectra, whose minimum-phase pulse swells later) the largest of 3/4, 1/2, 1/4, 0 times that phase which fulfils it:
-    /// with phase 0 the peak is at the arrival always.
-    pub(super) fn pulse(&mut self, ln_magnitude: &[f64], silent: &[bool], fraction: f64) -> (&[f64], Vec<f64>) {
-        let mut phase = self.phase(ln_magnitude, silent);
-        let minimum = phase.clone();
+    /// Makes the pulse of a spectrum and reduces its phase until the peak is in time.
+    fn settle(&mut self, magnitude: &[f64], phase: &mut [f64], fraction: f64) {
         let scale = 1.0 / self.length as f64;
-        for share in [1.0, 0.75, 0.5, 0.25, 0.0] {
-            for (p, m) in phase.iter_mut().zip(&minimum) {
-                *p = share * m;
-            }
-            let turn = Complex64::cis(-std::f64::consts::TAU * fraction / self.length as f64);
+        let turn = Complex64::cis(-std::f64::consts::TAU * fraction / self.length as f64);
+        let mut share = 1.0;
+        loop {
             let mut delay = Complex64::new(scale, 0.0);
-            let fade = self.fades.get(silent).map(|f| f.magnitude.as_slice());
             for (k, s) in self.spectrum.iter_mut().enumerate() {
-                let (sin, cos) = phase[k].sin_cos();
-                let magnitude = self.places[k].of(ln_magnitude).exp() * fade.map_or(1.0, |f| f[k]);
-                *s = Complex64::new(magnitude * cos, magnitude * sin) * delay;
+                let (sin, cos) = (share * phase[k]).sin_cos();
+                *s = Complex64::new(magnitude[k] * cos, magnitude[k] * sin) * delay;
                 delay *= turn;
             }
             self.transform_back();
-            if self.peak_is_in_time(fraction) {
+            if share == 0.0 || self.peak_is_in_time(fraction) {
                 break;
             }
+            share -= 0.25;
         }
-        (&self.pulse, phase)
+        for p in phase {
+            *p *= share;
+        }
     }
 
     /// Whether the largest sample lies within one sample of the nominal arrival.
@@ -310,10 +341,10 @@ mod tests {
 
     /// White mean of the polygon by brute force (midpoints).
     fn mean_by_sampling(bands: &[Band], ln: &[f64], b: usize) -> f64 {
-        let n = 20_000;
+        let (n, centres) = (20_000, centres_hz(bands));
         let step = (bands[b].high_hz - bands[b].low_hz) / f64::from(n);
         (0..n)
-            .map(|i| (2.0 * between(bands, bands[b].low_hz + (f64::from(i) + 0.5) * step).of(ln)).exp())
+            .map(|i| (2.0 * between_hz(&centres, bands[b].low_hz + (f64::from(i) + 0.5) * step).of(ln)).exp())
             .sum::<f64>()
             / f64::from(n)
     }
@@ -352,7 +383,7 @@ mod tests {
         let bands = octaves();
         let mut shaper = Shaper::new(&bands, 48_000.0, &mut RealFftPlanner::new());
         let ln: Vec<f64> = bands.iter().map(|b| -0.5 * centre_hz(b).ln()).collect();
-        let (pulse, _) = shaper.pulse(&ln, &[false; 8], 0.0);
+        let pulse = shaper.pulse(&ln, &[false; 8], 0.0);
         let half = pulse.len() / 2;
         let before: f64 = pulse[half..].iter().map(|p| p * p).sum();
         let after: f64 = pulse[..half].iter().map(|p| p * p).sum();
@@ -367,7 +398,7 @@ mod tests {
         let bands = octaves();
         let mut shaper = Shaper::new(&bands, 48_000.0, &mut RealFftPlanner::new());
         let silent: Vec<bool> = (0..8).map(|b| b != 2).collect();
-        let (pulse, _) = shaper.pulse(&[0.0; 8], &silent, 0.3);
+        let pulse = shaper.pulse(&[0.0; 8], &silent, 0.3);
         let peak = (0..pulse.len()).max_by(|a, b| pulse[*a].abs().total_cmp(&pulse[*b].abs()));
         assert!(matches!(peak, Some(0 | 1)), "{peak:?}");
     }

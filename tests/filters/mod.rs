@@ -5,12 +5,12 @@ use diffray::scene::Band;
 use rustfft::num_complex::Complex64;
 
 /// Octave bands with exact base-2 centres and nominal names.
-pub fn octaves(from_hz: f64, to_hz: f64) -> Vec<Band> {
+pub(crate) fn octaves(from_hz: f64, to_hz: f64) -> Vec<Band> {
     fractional(1.0, from_hz, to_hz)
 }
 
 /// Third-octave bands.
-pub fn third_octaves(from_hz: f64, to_hz: f64) -> Vec<Band> {
+pub(crate) fn third_octaves(from_hz: f64, to_hz: f64) -> Vec<Band> {
     fractional(3.0, from_hz, to_hz)
 }
 
@@ -26,7 +26,7 @@ fn fractional(per_octave: f64, from_hz: f64, to_hz: f64) -> Vec<Band> {
 }
 
 /// White mean of |H|^2 over each band, from a transform eight times as long as the response.
-pub fn band_means(samples: &[f32], rate: u32, bands: &[Band]) -> Vec<f64> {
+pub(crate) fn band_means(samples: &[f32], rate: u32, bands: &[Band]) -> Vec<f64> {
     let length = (8 * samples.len()).next_power_of_two().max(1 << 18);
     let mut h: Vec<Complex64> = samples.iter().map(|s| Complex64::new(f64::from(*s), 0.0)).collect();
     h.resize(length, Complex64::new(0.0, 0.0));
@@ -86,13 +86,8 @@ fn filtered_energy(samples: impl Iterator<Item = f64>, sections: &[Section]) -> 
         .sum()
 }
 
-/// |H|^2 in each band as a fourth-order Butterworth filter measures it, relative to what it measures of a unit impulse.
-pub fn class_1_means(samples: &[f32], rate: u32, bands: &[Band]) -> Vec<f64> {
-    class_1_means_of_order(samples, rate, bands, 4)
-}
-
-/// The same with a given order.
-pub fn class_1_means_of_order(samples: &[f32], rate: u32, bands: &[Band], order: usize) -> Vec<f64> {
+/// |H|^2 in each band as a Butterworth filter of `order` measures it, relative to what it measures of a unit impulse.
+pub(crate) fn class_1_means(samples: &[f32], rate: u32, bands: &[Band], order: usize) -> Vec<f64> {
     let silence = || std::iter::repeat_n(0.0, rate as usize);
     bands
         .iter()
@@ -105,7 +100,7 @@ pub fn class_1_means_of_order(samples: &[f32], rate: u32, bands: &[Band], order:
 }
 
 /// The class 1 filter's output for a band, for decay analysis.
-pub fn class_1_output(samples: &[f32], rate: u32, band: &Band) -> Vec<f64> {
+pub(crate) fn class_1_output(samples: &[f32], rate: u32, band: &Band) -> Vec<f64> {
     let sections = butterworth(band, f64::from(rate), 4);
     let mut state = vec![[0.0; 2]; sections.len()];
     samples
