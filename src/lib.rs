@@ -3,5 +3,6 @@
 pub mod error;
 pub mod geometry;
 pub mod probe;
+pub mod response;
 pub mod scene;
 pub mod wbsdf;
