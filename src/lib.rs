@@ -4,3 +4,4 @@ pub mod error;
 pub mod geometry;
 pub mod probe;
 pub mod scene;
+pub mod trace;
