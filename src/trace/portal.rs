@@ -138,15 +138,14 @@ impl Passage {
             let across = 1 - axis;
             for i in 0..=8 {
                 let v = between(self.open[across], i as f64 / 8.0, 1e-3);
-                for end in 0..2 {
-                    let (at, out) = (self.open[axis][end], if end == 0 { -1.0 } else { 1.0 });
+                for (room, (at, out)) in room.iter_mut().zip([(self.open[axis][0], -1.0), (self.open[axis][1], 1.0)]) {
                     let (start, direction) = if axis == 0 {
                         (self.frame.point(at, v), self.frame.x * out)
                     } else {
                         (self.frame.point(v, at), self.frame.y * out)
                     };
                     if let Some(hit) = geometry.closest(start + over, direction, missing, Skip::NONE) {
-                        room[end] = room[end].min(hit.t);
+                        *room = room.min(hit.t);
                     }
                 }
             }

@@ -11,7 +11,7 @@
 use glam::DVec3;
 
 use super::Crossing;
-use super::lanes::{Lanes, air_factors, lanes, peak};
+use super::lanes::{Lanes, air_factors, lanes, multiply, peak};
 use super::ledger::Account;
 use super::portal::Captured;
 use super::random::Stream;
@@ -180,11 +180,11 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
     /// Ends weak rays at random without bias. Returns false if the ray ended.
     fn roulette(&mut self, ray: &mut Ray<N>) -> bool {
         let largest = peak(&ray.weights);
-        if largest >= ROULETTE_SHARE * ray.reference && largest > 0.0 {
-            return true;
-        }
-        if !(largest > 0.0) {
+        if largest == 0.0 {
             return false;
+        }
+        if largest >= ROULETTE_SHARE * ray.reference {
+            return true;
         }
         let before = ray.weights;
         let survives = self.stream.uniform() * f64::from(ROULETTE_ODDS) < 1.0;
@@ -198,10 +198,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
     fn fade(&mut self, ray: &mut Ray<N>, flight_m: f64) {
         if let Some(air) = &self.stage.air {
             let before = ray.weights;
-            let factors = air_factors(air, flight_m as f32);
-            for b in 0..N {
-                ray.weights[b] *= factors[b];
-            }
+            multiply(&mut ray.weights, &air_factors(air, flight_m as f32));
             self.tally.accounts.book_gain(Account::Air, &ray.weights, &before);
         }
     }
@@ -220,9 +217,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
             let factor = ((end - start) * receiver.scale) as f32;
             let mut received = ray.weights.map(|w| w * factor);
             if let Last::Portal(portal) = ray.last {
-                for b in 0..N {
-                    received[b] *= receiver.sphere_bands[portal][b];
-                }
+                multiply(&mut received, &receiver.sphere_bands[portal]);
             }
             self.receive(probe, ray.length_m, closest, received);
         }
@@ -231,10 +226,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
     /// Books what arrives at a probe after a last straight way of `r_m`, the air on it included.
     fn receive(&mut self, probe: usize, length_m: f64, r_m: f64, mut intensity: Lanes<N>) {
         if let Some(air) = &self.stage.air {
-            let factors = air_factors(air, r_m as f32);
-            for b in 0..N {
-                intensity[b] *= factors[b];
-            }
+            multiply(&mut intensity, &air_factors(air, r_m as f32));
         }
         self.tally.receive(probe, (length_m + r_m) / self.stage.speed_m_s, &intensity);
     }
@@ -260,9 +252,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         }
 
         let incoming = ray.weights;
-        for b in 0..N {
-            ray.weights[b] *= material.reflected[b];
-        }
+        multiply(&mut ray.weights, &material.reflected);
         self.tally.accounts.book_gain(Account::Absorbed, &ray.weights, &incoming);
 
         if material.uniform_scattering != Some(0.0) {
@@ -279,10 +269,8 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
                     continue;
                 }
                 let factor = (height / (r * r2)) as f32;
-                let mut rain = incoming;
-                for b in 0..N {
-                    rain[b] *= material.rain[b] * factor;
-                }
+                let mut rain = incoming.map(|w| w * factor);
+                multiply(&mut rain, &material.rain);
                 self.receive(probe, ray.length_m, r, rain);
             }
         }
@@ -310,19 +298,16 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
     /// never exceeds the number of bands; with a fixed mixing probability it would grow without bound along the ray.
     fn decide(&mut self, ray: &mut Ray<N>, scattering: &Lanes<N>) -> bool {
         let (mut diffuse_mass, mut mass) = (0.0f32, 0.0f32);
-        for b in 0..N {
-            diffuse_mass += ray.ratio[b] * scattering[b];
-            mass += ray.ratio[b];
+        for (ratio, s) in ray.ratio.iter().zip(scattering) {
+            diffuse_mass += ratio * s;
+            mass += ratio;
         }
         let probability = (diffuse_mass / mass).clamp(0.0, 1.0);
         let diffuse = self.stream.uniform() < f64::from(probability);
         let before = ray.weights;
-        for b in 0..N {
-            let factor =
-                if diffuse { scattering[b] / probability } else { (1.0 - scattering[b]) / (1.0 - probability) };
-            ray.ratio[b] *= factor;
-            ray.weights[b] *= factor;
-        }
+        let factors = scattering.map(|s| if diffuse { s / probability } else { (1.0 - s) / (1.0 - probability) });
+        multiply(&mut ray.ratio, &factors);
+        multiply(&mut ray.weights, &factors);
         self.tally.accounts.book_gain(Account::Resampling, &before, &ray.weights);
         diffuse
     }
@@ -343,9 +328,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
     fn branch(&mut self, ray: &Ray<N>, group: usize, share: &Lanes<N>, probability: f64) -> Ray<N> {
         self.split += 1;
         let mut child = *ray;
-        for b in 0..N {
-            child.weights[b] *= (f64::from(share[b]) / probability) as f32;
-        }
+        multiply(&mut child.weights, &share.map(|s| (f64::from(s) / probability) as f32));
         let known = &child.passed[..child.passed_count];
         if child.passed_count < REMEMBERED_GROUPS && !known.contains(&group) {
             child.passed[child.passed_count] = group;
@@ -445,7 +428,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         let r2 = to.length_squared();
         let r = r2.sqrt();
         let s_o = to_local(to / r);
-        if !(s_o.z > 0.0)
+        if s_o.z <= 0.0
             || !self.tally.in_time((ray.length_m + r) / stage.speed_m_s)
             || stage.geometry.blocked(ray.position, receiver.position, ray.skip, Skip::NONE)
         {
@@ -454,11 +437,9 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         let mut density = [0.0; N];
         stage.scatter[portal].density(at_m.0, at_m.1, s_i, s_o, &mut density[..stage.bands]);
         let factor = 4.0 * std::f64::consts::PI / r2;
-        let mut received = ray.weights;
-        for b in 0..N {
-            let broad = 1.0 - receiver.sphere_bands[portal][b];
-            received[b] *= (density[b] * factor) as f32 * broad;
-        }
+        let mut received = density.map(|d| (d * factor) as f32);
+        multiply(&mut received, &ray.weights);
+        multiply(&mut received, &receiver.sphere_bands[portal].map(|sphere| 1.0 - sphere));
         self.receive(probe, ray.length_m, r, received);
     }
 }
