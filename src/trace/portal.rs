@@ -1,0 +1,241 @@
+//! Portals as the rays see them, and the capture regions that make narrow ones findable.
+//!
+//! A random ray rarely meets a 5 mm gap. Round every portal with a side below [`CAPTURE_WIDTH_M`] lies a capture
+//! rectangle on either face of its wall: a ray that hits the wall (leaf and portal included) inside the rectangle sends a second
+//! ray through the opening, with its weight times A_open/A_capture and its place mapped linearly into the opening.
+//! Expectation and energy are exact where the incident field is homogeneous over the rectangle. Otherwise the opening
+//! hears the mean over the rectangle: a source at the distance h before the wall is misread by the order of
+//! (w/h)^2/4 for a rectangle of width w (0.4 m wide, 2 m away: 1 %), and arrival times spread by at most w/(2c), 0.6 ms.
+
+use glam::DVec3;
+
+use crate::geometry::{Geometry, Portal, Skip};
+use crate::scene::{BoxRoom, Frame, Host, Scene};
+
+/// What a portal does to a ray: the interface to the wave model.
+///
+/// Directions are unit vectors in the portal's local frame, z > 0 in the direction of travel.
+pub trait Crossing: Sync {
+    /// Draws an outgoing direction for a ray that crosses at local (x, y) in m with direction `s_i` and multiplies
+    /// `weights` (one a band) by signed weight over density. `None`: the ray ends here, its share being already accounted for in
+    /// the expectation. `u`: uniform random numbers in [0, 1).
+    fn sample(&self, x_m: f64, y_m: f64, s_i: DVec3, u: [f64; 3], weights: &mut [f32]) -> Option<DVec3>;
+
+    /// Signed share of the ray's power per steradian sent towards `s_o`, one a band.
+    fn density(&self, x_m: f64, y_m: f64, s_i: DVec3, s_o: DVec3, out: &mut [f64]);
+
+    /// Solid angle of the lobe in band `band` in sr: small = peaked.
+    fn lobe_sr(&self, band: usize) -> f64;
+}
+
+/// Sides of a portal up to this width in m are widened to it by the capture region.
+const CAPTURE_WIDTH_M: f64 = 0.4;
+
+/// Height in m over the wall from which its surroundings are probed at set-up.
+const PROBING_HEIGHT_M: f64 = 1e-3;
+
+/// One portal with its capture regions.
+pub(super) struct Passage {
+    /// The host's local frame on its centre plane.
+    pub(super) frame: Frame,
+    /// Centre of the open part in m (of its finite extent).
+    pub(super) centre: DVec3,
+    /// Thickness of the host in m.
+    pub(super) thickness: f64,
+    /// Group of the host.
+    pub(super) group: usize,
+    /// Open part, [x, y] limits in m.
+    open: [[f64; 2]; 2],
+    /// Capture regions for rays that travel along +normal and along -normal.
+    capture: [Option<Capture>; 2],
+}
+
+/// A rectangle on the face of a wall whose hits stand for an opening.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Capture {
+    /// [x, y] limits in m, local.
+    limits: [[f64; 2]; 2],
+    /// Area of the opening over the area that captures.
+    ratio: f64,
+}
+
+/// A ray's place in an opening and the factor on its weight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Captured {
+    pub(super) x_m: f64,
+    pub(super) y_m: f64,
+    pub(super) ratio: f64,
+}
+
+impl Passage {
+    /// Sets up one portal.
+    pub(super) fn new(portal: &Portal, scene: &Scene, geometry: &Geometry) -> Self {
+        let open = [portal.x_m, portal.y_m];
+        let mut passage = Self {
+            frame: portal.frame,
+            centre: portal.frame.point(middle(open[0]), middle(open[1])),
+            thickness: portal.thickness_m,
+            group: portal.group,
+            open,
+            capture: [None; 2],
+        };
+        let host = scene.openings.get(portal.opening).map(|o| host_extent(scene, o.host, &portal.frame));
+        let host = host.unwrap_or([[f64::NEG_INFINITY, f64::INFINITY]; 2]);
+        for (side, sign) in [(0, 1.0), (1, -1.0)] {
+            passage.capture[side] = passage.capture_region(sign, host, geometry);
+        }
+        passage
+    }
+
+    /// Distance in m from a point to the open part.
+    pub(super) fn distance(&self, p: DVec3) -> f64 {
+        let local = self.frame.local(p);
+        let out = |v: f64, limits: [f64; 2]| v - v.clamp(limits[0], limits[1].max(limits[0]));
+        DVec3::new(out(local.x, self.open[0]), out(local.y, self.open[1]), local.z).length()
+    }
+
+    /// Whether rays that travel along `sign` * normal reach this portal only through its capture region.
+    pub(super) fn is_captured(&self, sign: f64) -> bool {
+        self.capture[side(sign)].is_some()
+    }
+
+    /// Where a ray that hits the wall at `point`, travelling along `sign` * normal, passes the opening, if it is captured.
+    #[inline]
+    pub(super) fn captured(&self, point: DVec3, sign: f64) -> Option<Captured> {
+        let capture = self.capture[side(sign)].as_ref()?;
+        let local = self.frame.local(point);
+        let map = |v: f64, from: [f64; 2], to: [f64; 2]| {
+            if !(from[0]..=from[1]).contains(&v) {
+                None
+            } else if from[1] - from[0] < f64::INFINITY {
+                Some(to[0] + (v - from[0]) / (from[1] - from[0]) * (to[1] - to[0]))
+            } else {
+                Some(v)
+            }
+        };
+        Some(Captured {
+            x_m: map(local.x, capture.limits[0], self.open[0])?,
+            y_m: map(local.y, capture.limits[1], self.open[1])?,
+            ratio: capture.ratio,
+        })
+    }
+
+    /// The capture region for rays along `sign` * normal; `None` where the opening is wide enough to be found.
+    fn capture_region(&self, sign: f64, host: [[f64; 2]; 2], geometry: &Geometry) -> Option<Capture> {
+        let size = self.open.map(|[low, high]| high - low);
+        if size[0].min(size[1]) >= CAPTURE_WIDTH_M {
+            return None;
+        }
+        let over = self.frame.normal * (-sign * (0.5 * self.thickness + PROBING_HEIGHT_M));
+        let mut limits = self.open;
+        for axis in 0..2 {
+            let missing = CAPTURE_WIDTH_M - size[axis];
+            if missing <= 0.0 {
+                continue;
+            }
+            // How far the wall goes on beyond either end of the opening: to the end of the host or the next obstacle.
+            let mut room = [self.open[axis][0] - host[axis][0], host[axis][1] - self.open[axis][1]];
+            let across = 1 - axis;
+            for i in 0..=8 {
+                let v = between(self.open[across], i as f64 / 8.0, 1e-3);
+                for (room, (at, out)) in room.iter_mut().zip([(self.open[axis][0], -1.0), (self.open[axis][1], 1.0)]) {
+                    let (start, direction) = if axis == 0 {
+                        (self.frame.point(at, v), self.frame.x * out)
+                    } else {
+                        (self.frame.point(v, at), self.frame.y * out)
+                    };
+                    if let Some(hit) = geometry.closest(start + over, direction, missing, Skip::NONE) {
+                        *room = room.min(hit.t);
+                    }
+                }
+            }
+            let room = room.map(|r| r.max(0.0));
+            // Half on either side; what one side cannot give is taken from the other.
+            let low = (0.5 * missing).min(room[0]).max((missing - room[1]).min(room[0]));
+            let high = (missing - low).min(room[1]);
+            limits[axis] = [self.open[axis][0] - low, self.open[axis][1] + high];
+        }
+        let area_ratio: f64 = (0..2)
+            .map(|axis| {
+                let full = limits[axis][1] - limits[axis][0];
+                if full < f64::INFINITY { size[axis] / full } else { 1.0 }
+            })
+            .product();
+        let ratio = area_ratio / self.covered(limits, sign, over, geometry);
+        (ratio < 0.99).then_some(Capture { limits, ratio })
+    }
+
+    /// The share of a rectangle on the wall in which a ray along `sign` * normal meets the host's group.
+    fn covered(&self, limits: [[f64; 2]; 2], sign: f64, over: DVec3, geometry: &Geometry) -> f64 {
+        const STEPS: usize = 32;
+        let mut met = 0usize;
+        for i in 0..STEPS {
+            for j in 0..STEPS {
+                let x = between(limits[0], (i as f64 + 0.5) / STEPS as f64, 0.0);
+                let y = between(limits[1], (j as f64 + 0.5) / STEPS as f64, 0.0);
+                let start = self.frame.point(x, y) + over;
+                let hit = geometry.closest(start, self.frame.normal * sign, 3.0 * PROBING_HEIGHT_M, Skip::NONE);
+                if hit.is_some_and(|hit| hit.group == self.group) {
+                    met += 1;
+                }
+            }
+        }
+        (met as f64 / (STEPS * STEPS) as f64).max(1.0 / (STEPS * STEPS) as f64)
+    }
+}
+
+/// Index of a direction of travel in [`Passage::capture`].
+fn side(sign: f64) -> usize {
+    usize::from(sign < 0.0)
+}
+
+/// Middle of an interval; of its finite end, or 0, where it is unbounded.
+fn middle(limits: [f64; 2]) -> f64 {
+    between(limits, 0.5, 0.0)
+}
+
+/// The point at the share `u` of an interval, `inset` m inside its ends; an unbounded side stands for 2 m.
+fn between(limits: [f64; 2], u: f64, inset: f64) -> f64 {
+    let [low, high] = match (limits[0].is_finite(), limits[1].is_finite()) {
+        (true, true) => limits,
+        (true, false) => [limits[0], limits[0] + 2.0],
+        (false, true) => [limits[1] - 2.0, limits[1]],
+        (false, false) => [-1.0, 1.0],
+    };
+    let inset = inset.min(0.25 * (high - low));
+    low + inset + u * (high - low - 2.0 * inset)
+}
+
+/// Extent of the host in the portal's local frame, [x, y] limits in m.
+fn host_extent(scene: &Scene, host: Host, frame: &Frame) -> [[f64; 2]; 2] {
+    let everywhere = [[f64::NEG_INFINITY, f64::INFINITY]; 2];
+    let around = |corners: &mut dyn Iterator<Item = DVec3>| {
+        corners.fold([[f64::INFINITY, f64::NEG_INFINITY]; 2], |[x, y], corner| {
+            let p = frame.local(corner);
+            [[x[0].min(p.x), x[1].max(p.x)], [y[0].min(p.y), y[1].max(p.y)]]
+        })
+    };
+    match host {
+        Host::Wall(i) => match scene.walls.get(i) {
+            Some(wall) if !wall.unbounded => around(&mut wall.corners_m.iter().copied()),
+            _ => everywhere,
+        },
+        // The box projected on its face's plane is that face.
+        Host::BoxFace(i, _) => match scene.boxes.get(i) {
+            Some(room) => around(&mut box_corners(room)),
+            None => everywhere,
+        },
+    }
+}
+
+/// The eight corners of a box.
+pub(super) fn box_corners(room: &BoxRoom) -> impl Iterator<Item = DVec3> + '_ {
+    (0..8).map(|i| {
+        let pick = |bit: usize, low: f64, high: f64| if i & bit == 0 { low } else { high };
+        DVec3::new(
+            pick(1, room.min_m.x, room.max_m.x),
+            pick(2, room.min_m.y, room.max_m.y),
+            pick(4, room.min_m.z, room.max_m.z),
+        )
+    })
+}

@@ -1,0 +1,445 @@
+//! One ray from the source to its end, with everything it sends to the probes on its way.
+//!
+//! What reaches a probe is partitioned by the last event before it, so that nothing counts twice:
+//! * a diffuse reflection: rain from the hit point to the probe (next-event estimation), never the sphere;
+//! * a specular reflection, a passage through a wall or a portal: the receiver sphere collects the flight;
+//! * except after a portal with a broad lobe, where the crossing itself sends its signed density to the probe.
+//!
+//! Histories that deterministic paths cover (all reflections specular, no more of them and of portals than those paths
+//! have) are followed but not recorded.
+
+use glam::DVec3;
+
+use super::Crossing;
+use super::lanes::{Lanes, air_factors, lanes, multiply, peak};
+use super::ledger::Account;
+use super::portal::Captured;
+use super::random::Stream;
+use super::stage::Stage;
+use super::tally::Tally;
+use crate::geometry::{Element, Hit, Skip};
+use crate::scene::Source;
+
+/// Russian roulette begins when the largest weight of a branch falls below this share of its start (-30 dB), and keeps
+/// one ray in [`ROULETTE_ODDS`], so that a 60 dB decay is still carried by a thousandth of the rays.
+const ROULETTE_SHARE: f32 = 1e-3;
+/// One ray in this many survives the roulette.
+const ROULETTE_ODDS: f32 = 4.0;
+
+/// After this many split-off rays the inclination of a history to split has halved: bounds the tree.
+const SPLIT_BUDGET: f64 = 16.0;
+
+/// Walls a ray remembers having passed. A second passage of the same wall (the way back) is sampled with its
+/// true probability instead of being forced.
+const REMEMBERED_GROUPS: usize = 4;
+
+/// Hits after which a ray that makes no headway (wedged between two surfaces) is ended.
+const MAX_HITS: u32 = 200_000;
+
+/// The last event of a ray.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Last {
+    Emission,
+    Specular,
+    Diffuse,
+    Through,
+    /// Crossing of the portal with this index.
+    Portal(usize),
+}
+
+/// A ray under way.
+#[derive(Clone, Copy)]
+pub(super) struct Ray<const N: usize> {
+    position: DVec3,
+    direction: DVec3,
+    /// Way from the source in m.
+    length_m: f64,
+    /// Signed power, one a band; an omnidirectional source gives 1.
+    weights: Lanes<N>,
+    /// Probability of this history's specular/diffuse decisions in each band over the one they were drawn with; mean 1.
+    ratio: Lanes<N>,
+    /// Largest weight at the start of this branch.
+    reference: f32,
+    skip: Skip,
+    last: Last,
+    reflections: u32,
+    portals: u32,
+    diffuse: bool,
+    hits: u32,
+    passed: [usize; REMEMBERED_GROUPS],
+    passed_count: usize,
+}
+
+impl<const N: usize> Ray<N> {
+    fn at(&self, t: f64) -> DVec3 {
+        self.position + self.direction * t
+    }
+}
+
+/// Follows one ray of `source` and all rays split off from it. `pending` is scratch memory.
+pub(super) fn trace_ray<S: Crossing, const N: usize>(
+    stage: &Stage<'_, S, N>,
+    source: &Source,
+    stream: &mut Stream,
+    pending: &mut Vec<Ray<N>>,
+    tally: &mut Tally<N>,
+) {
+    let direction = stream.isotropic();
+    let power = source.directivity.intensity(direction);
+    let weights = lanes(std::iter::repeat_n(power, stage.bands));
+    tally.accounts.book(Account::Emitted, &weights);
+    let emitted = Ray {
+        position: source.position_m,
+        direction,
+        length_m: 0.0,
+        weights,
+        ratio: lanes(std::iter::repeat_n(1.0, stage.bands)),
+        reference: 1.0,
+        skip: Skip::NONE,
+        last: Last::Emission,
+        reflections: 0,
+        portals: 0,
+        diffuse: false,
+        hits: 0,
+        passed: [usize::MAX; REMEMBERED_GROUPS],
+        passed_count: 0,
+    };
+    let mut walk = Walk { stage, stream, pending, tally, split: 0 };
+    walk.pending.clear();
+    walk.pending.push(emitted);
+    while let Some(ray) = walk.pending.pop() {
+        walk.follow(ray);
+    }
+    walk.tally.end_ray();
+}
+
+/// One history in progress.
+struct Walk<'w, 's, S, const N: usize> {
+    stage: &'w Stage<'s, S, N>,
+    stream: &'w mut Stream,
+    pending: &'w mut Vec<Ray<N>>,
+    tally: &'w mut Tally<N>,
+    /// Rays split off so far.
+    split: u32,
+}
+
+impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
+    /// Follows one ray to its end.
+    fn follow(&mut self, mut ray: Ray<N>) {
+        loop {
+            let left_m = self.stage.length_m - ray.length_m;
+            if left_m <= 0.0 || ray.hits >= MAX_HITS {
+                self.tally.accounts.book(Account::TimedOut, &ray.weights);
+                return;
+            }
+            if !self.roulette(&mut ray) {
+                return;
+            }
+            let hit = self.stage.geometry.closest(ray.position, ray.direction, f64::INFINITY, ray.skip);
+            let flight_m = hit.as_ref().map_or(left_m, |hit| hit.t.min(left_m));
+            self.collect(&ray, flight_m);
+            let Some(hit) = hit else {
+                self.tally.accounts.book(Account::Escaped, &ray.weights);
+                return;
+            };
+            self.fade(&mut ray, flight_m);
+            if hit.t >= left_m {
+                self.tally.accounts.book(Account::TimedOut, &ray.weights);
+                return;
+            }
+            ray.length_m += hit.t;
+            ray.hits += 1;
+            self.tally.hits += 1;
+            match hit.element {
+                Element::Surface(surface) => self.reflect(&mut ray, surface, &hit),
+                Element::Portal(portal) => {
+                    let sign = ray.direction.dot(self.stage.passages[portal].frame.normal).signum();
+                    for &captor in &self.stage.companions[portal] {
+                        self.capture(&ray, captor, &hit);
+                    }
+                    let passage = &self.stage.passages[portal];
+                    if passage.is_captured(sign) {
+                        // Its share went into the captured rays.
+                        self.tally.accounts.book_gain(Account::Portals, &ray.weights, &[0.0; N]);
+                        return;
+                    }
+                    let local = passage.frame.local(hit.point);
+                    if !self.cross(&mut ray, portal, local.x, local.y, &hit) {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether the history of a ray is one that deterministic paths count.
+    fn is_covered(&self, diffuse: bool, reflections: u32, portals: u32) -> bool {
+        !diffuse && reflections <= self.stage.reflection_order && portals <= self.stage.portal_order
+    }
+
+    /// Ends weak rays at random without bias. Returns false if the ray ended.
+    fn roulette(&mut self, ray: &mut Ray<N>) -> bool {
+        let largest = peak(&ray.weights);
+        if largest == 0.0 {
+            return false;
+        }
+        if largest >= ROULETTE_SHARE * ray.reference {
+            return true;
+        }
+        let before = ray.weights;
+        let survives = self.stream.uniform() * f64::from(ROULETTE_ODDS) < 1.0;
+        let factor = if survives { ROULETTE_ODDS } else { 0.0 };
+        ray.weights.iter_mut().for_each(|w| *w *= factor);
+        self.tally.accounts.book_gain(Account::Resampling, &before, &ray.weights);
+        survives
+    }
+
+    /// Air absorption along a flight.
+    fn fade(&mut self, ray: &mut Ray<N>, flight_m: f64) {
+        if let Some(air) = &self.stage.air {
+            let before = ray.weights;
+            multiply(&mut ray.weights, &air_factors(air, flight_m as f32));
+            self.tally.accounts.book_gain(Account::Air, &ray.weights, &before);
+        }
+    }
+
+    /// The receiver spheres on a flight of `flight_m` from the ray's position.
+    fn collect(&mut self, ray: &Ray<N>, flight_m: f64) {
+        if ray.last == Last::Diffuse || self.is_covered(ray.diffuse, ray.reflections, ray.portals) {
+            return;
+        }
+        for (probe, receiver) in self.stage.receivers.iter().enumerate() {
+            let Some((start, end, closest)) = receiver.chord(ray.position, ray.direction, flight_m) else { continue };
+            let middle = ray.at(0.5 * (start + end));
+            if self.stage.geometry.blocked(receiver.position, middle, Skip::NONE, Skip::NONE) {
+                continue;
+            }
+            let factor = ((end - start) * receiver.scale) as f32;
+            let mut received = ray.weights.map(|w| w * factor);
+            if let Last::Portal(portal) = ray.last {
+                multiply(&mut received, &receiver.sphere_bands[portal]);
+            }
+            self.receive(probe, ray.length_m, closest, received);
+        }
+    }
+
+    /// Books what arrives at a probe after a last straight way of `r_m`, the air on it included.
+    fn receive(&mut self, probe: usize, length_m: f64, r_m: f64, mut intensity: Lanes<N>) {
+        if let Some(air) = &self.stage.air {
+            multiply(&mut intensity, &air_factors(air, r_m as f32));
+        }
+        self.tally.receive(probe, (length_m + r_m) / self.stage.speed_m_s, &intensity);
+    }
+
+    /// A hit on a surface: capture, transmission, absorption, rain, and the new direction.
+    fn reflect(&mut self, ray: &mut Ray<N>, surface: usize, hit: &Hit) {
+        let stage = self.stage;
+        let face = &stage.faces[surface];
+        let along = ray.direction.dot(face.normal);
+        let towards = if along > 0.0 { 1.0 } else { -1.0 };
+        // The normal on the side the ray comes from.
+        let normal = face.normal * -towards;
+
+        for &portal in &face.captures {
+            self.capture(ray, portal, hit);
+        }
+        let material = &stage.materials[face.material];
+        let side = usize::from(towards < 0.0);
+        if let Some(transmission) = &material.transmission
+            && face.beyond[side]
+        {
+            self.transmit(ray, transmission, face.normal * towards, face.through_m[side], hit);
+        }
+
+        let incoming = ray.weights;
+        multiply(&mut ray.weights, &material.reflected);
+        self.tally.accounts.book_gain(Account::Absorbed, &ray.weights, &incoming);
+
+        if material.uniform_scattering != Some(0.0) {
+            let skip = Skip { plane: Some(hit.plane), group: None };
+            for probe in 0..stage.receivers.len() {
+                let to = stage.receivers[probe].position - hit.point;
+                let r2 = to.length_squared();
+                let r = r2.sqrt();
+                let height = to.dot(normal);
+                if height <= 0.0 || !self.tally.in_time((ray.length_m + r) / stage.speed_m_s) {
+                    continue;
+                }
+                if stage.geometry.blocked(hit.point, stage.receivers[probe].position, skip, Skip::NONE) {
+                    continue;
+                }
+                let factor = (height / (r * r2)) as f32;
+                let mut rain = incoming.map(|w| w * factor);
+                multiply(&mut rain, &material.rain);
+                self.receive(probe, ray.length_m, r, rain);
+            }
+        }
+
+        let diffuse = match material.uniform_scattering {
+            Some(s) if s <= 0.0 => false,
+            Some(s) => s >= 1.0 || self.stream.uniform() < s,
+            None => self.decide(ray, &material.scattering),
+        };
+        ray.direction = if diffuse {
+            self.stream.lambert(normal)
+        } else {
+            (ray.direction - face.normal * (2.0 * along)).normalize()
+        };
+        ray.last = if diffuse { Last::Diffuse } else { Last::Specular };
+        ray.diffuse |= diffuse;
+        ray.reflections += 1;
+        ray.position = hit.point;
+        ray.skip = Skip { plane: Some(hit.plane), group: None };
+    }
+
+    /// Specular or diffuse where the bands differ. All bands share one decision, drawn with the mean of their
+    /// probabilities, each band weighing as much as this history is likely in it ([`Ray::ratio`]). A band's weight is then its
+    /// own probability of the whole history over the mean of all bands' (the balance heuristic over bands), which
+    /// never exceeds the number of bands; with a fixed mixing probability it would grow without bound along the ray.
+    fn decide(&mut self, ray: &mut Ray<N>, scattering: &Lanes<N>) -> bool {
+        let (mut diffuse_mass, mut mass) = (0.0f32, 0.0f32);
+        for (ratio, s) in ray.ratio.iter().zip(scattering) {
+            diffuse_mass += ratio * s;
+            mass += ratio;
+        }
+        let probability = (diffuse_mass / mass).clamp(0.0, 1.0);
+        let diffuse = self.stream.uniform() < f64::from(probability);
+        let before = ray.weights;
+        let factors = scattering.map(|s| if diffuse { s / probability } else { (1.0 - s) / (1.0 - probability) });
+        multiply(&mut ray.ratio, &factors);
+        multiply(&mut ray.weights, &factors);
+        self.tally.accounts.book_gain(Account::Resampling, &before, &ray.weights);
+        diffuse
+    }
+
+    /// Probability with which a ray that `strongest` of its power passes through the wall `group` is split off: high while the ray
+    /// is strong (the rays split off then have equal weights), never below what the power itself asks for.
+    fn split_probability(&self, ray: &Ray<N>, group: usize, strongest: f64) -> f64 {
+        let analog = strongest.clamp(0.0, 1.0);
+        let known = &ray.passed[..ray.passed_count];
+        if known.len() == REMEMBERED_GROUPS || known.contains(&group) {
+            return analog;
+        }
+        let strength = f64::from(peak(&ray.weights) / ray.reference);
+        (strength * SPLIT_BUDGET / (SPLIT_BUDGET + f64::from(self.split))).min(1.0).max(analog)
+    }
+
+    /// The branch split off from `ray` with probability `probability`, its weights times `share` over it.
+    fn branch(&mut self, ray: &Ray<N>, group: usize, share: &Lanes<N>, probability: f64) -> Ray<N> {
+        self.split += 1;
+        let mut child = *ray;
+        multiply(&mut child.weights, &share.map(|s| (f64::from(s) / probability) as f32));
+        let known = &child.passed[..child.passed_count];
+        if child.passed_count < REMEMBERED_GROUPS && !known.contains(&group) {
+            child.passed[child.passed_count] = group;
+            child.passed_count += 1;
+            // A branch born weak is followed as far below its own start as the ray it came from.
+            child.reference = peak(&child.weights).min(child.reference);
+        }
+        child
+    }
+
+    /// Sends a share of the ray through the wall, straight on. It goes on from the opposite face at the foot of the normal,
+    /// so that a thick wall's rims play no part.
+    fn transmit(&mut self, ray: &Ray<N>, transmission: &Lanes<N>, inward: DVec3, through_m: f64, hit: &Hit) {
+        let probability = self.split_probability(ray, hit.group, f64::from(peak(transmission)));
+        if self.stream.uniform() >= probability {
+            return;
+        }
+        let mut child = self.branch(ray, hit.group, transmission, probability);
+        self.tally.accounts.book(Account::Transmitted, &child.weights);
+        child.position = hit.point + inward * through_m;
+        child.length_m += through_m;
+        child.skip = Skip { plane: Some(hit.plane), group: Some(hit.group) };
+        child.last = Last::Through;
+        self.pending.push(child);
+    }
+
+    /// Sends a share of a ray that hits the wall round a narrow opening through it.
+    fn capture(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) {
+        let passage = &self.stage.passages[portal];
+        let sign = ray.direction.dot(passage.frame.normal).signum();
+        let Some(Captured { x_m, y_m, ratio }) = passage.captured(hit.point, sign) else { return };
+        let probability = self.split_probability(ray, hit.group, ratio);
+        if self.stream.uniform() >= probability {
+            return;
+        }
+        let mut child = self.branch(ray, hit.group, &[ratio as f32; N], probability);
+        self.tally.accounts.book(Account::Portals, &child.weights);
+        if self.cross(&mut child, portal, x_m, y_m, hit) {
+            self.pending.push(child);
+        }
+    }
+
+    /// A crossing of the portal at local (x, y): what it sends to the probes at once, and the ray's new direction. Returns
+    /// false if the ray ended.
+    ///
+    /// The ray leaves from the far face at the same (x, y): a thick host's jambs play no part beyond what the scattering
+    /// knows of them.
+    fn cross(&mut self, ray: &mut Ray<N>, portal: usize, x_m: f64, y_m: f64, hit: &Hit) -> bool {
+        let stage = self.stage;
+        let passage = &stage.passages[portal];
+        let frame = &passage.frame;
+        let sign = if ray.direction.dot(frame.normal) < 0.0 { -1.0 } else { 1.0 };
+        let to_local = |d: DVec3| {
+            let local = frame.turn(d);
+            DVec3::new(local.x, local.y, local.z * sign)
+        };
+        let s_i = to_local(ray.direction);
+        ray.position = frame.point(x_m, y_m) + frame.normal * (0.5 * sign * passage.thickness);
+        ray.length_m += passage.thickness;
+        ray.portals += 1;
+        ray.skip = Skip { plane: Some(hit.plane), group: Some(hit.group) };
+
+        if !self.is_covered(ray.diffuse, ray.reflections, ray.portals) {
+            for probe in 0..stage.receivers.len() {
+                if stage.receivers[probe].at_crossing[portal] {
+                    self.rain_from_crossing(ray, portal, (x_m, y_m), s_i, to_local, probe);
+                }
+            }
+        }
+
+        let before = ray.weights;
+        let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
+        let out = stage.scatter[portal].sample(x_m, y_m, s_i, u, &mut ray.weights[..stage.bands]);
+        let Some(out) = out else {
+            self.tally.accounts.book_gain(Account::Portals, &before, &[0.0; N]);
+            return false;
+        };
+        self.tally.accounts.book_gain(Account::Portals, &before, &ray.weights);
+        ray.direction = (frame.x * out.x + frame.y * out.y + frame.normal * (out.z * sign)).normalize();
+        ray.last = Last::Portal(portal);
+        true
+    }
+
+    /// Next-event estimation from a crossing: 4 pi times power times density over r^2, in the bands with a broad lobe.
+    fn rain_from_crossing(
+        &mut self,
+        ray: &Ray<N>,
+        portal: usize,
+        at_m: (f64, f64),
+        s_i: DVec3,
+        to_local: impl Fn(DVec3) -> DVec3,
+        probe: usize,
+    ) {
+        let stage = self.stage;
+        let receiver = &stage.receivers[probe];
+        let to = receiver.position - ray.position;
+        let r2 = to.length_squared();
+        let r = r2.sqrt();
+        let s_o = to_local(to / r);
+        if s_o.z <= 0.0
+            || !self.tally.in_time((ray.length_m + r) / stage.speed_m_s)
+            || stage.geometry.blocked(ray.position, receiver.position, ray.skip, Skip::NONE)
+        {
+            return;
+        }
+        let mut density = [0.0; N];
+        stage.scatter[portal].density(at_m.0, at_m.1, s_i, s_o, &mut density[..stage.bands]);
+        let factor = 4.0 * std::f64::consts::PI / r2;
+        let mut received = density.map(|d| (d * factor) as f32);
+        multiply(&mut received, &ray.weights);
+        multiply(&mut received, &receiver.sphere_bands[portal].map(|sphere| 1.0 - sphere));
+        self.receive(probe, ray.length_m, r, received);
+    }
+}

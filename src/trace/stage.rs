@@ -1,0 +1,154 @@
+//! Everything that stays the same while rays are traced: materials in lanes, receivers, portals, air.
+
+use glam::DVec3;
+
+use super::lanes::{Lanes, lanes};
+use super::portal::{Passage, box_corners};
+use super::receiver::Receiver;
+use super::{Crossing, TracePlan};
+use crate::geometry::Geometry;
+use crate::scene::{Material, Scene};
+
+/// A material, one value a lane.
+pub(super) struct MaterialLanes<const N: usize> {
+    /// Reflected share, 1 - alpha.
+    pub(super) reflected: Lanes<N>,
+    /// Diffuse rain: 4 (1 - alpha) s, the intensity at 1 m along the normal per unit of ray power.
+    pub(super) rain: Lanes<N>,
+    /// Diffuse share s of the reflected energy.
+    pub(super) scattering: Lanes<N>,
+    /// The scattering where it is the same in all bands.
+    pub(super) uniform_scattering: Option<f64>,
+    /// Transmitted share of the incident energy.
+    pub(super) transmission: Option<Lanes<N>>,
+}
+
+impl<const N: usize> MaterialLanes<N> {
+    fn new(material: &Material) -> Self {
+        let pairs = || material.absorption.iter().zip(&material.scattering);
+        let first = material.scattering.first().copied().unwrap_or(0.0);
+        Self {
+            reflected: lanes(material.absorption.iter().map(|a| 1.0 - a)),
+            rain: lanes(pairs().map(|(a, s)| 4.0 * (1.0 - a) * s)),
+            scattering: lanes(material.scattering.iter().copied()),
+            uniform_scattering: material.scattering.iter().all(|&s| s == first).then_some(first),
+            transmission: material
+                .transmission
+                .as_ref()
+                .filter(|t| t.iter().any(|&t| t > 0.0))
+                .map(|t| lanes(t.iter().copied())),
+        }
+    }
+}
+
+/// A surface as the rays see it, beyond what [`Geometry`] knows.
+pub(super) struct Face {
+    /// Unit normal.
+    pub(super) normal: DVec3,
+    /// Index of its material.
+    pub(super) material: usize,
+    /// Distance in m to the opposite face of the same wall along +normal and along -normal; 0 without one.
+    pub(super) through_m: [f64; 2],
+    /// Whether anything lies beyond its plane along +normal and along -normal.
+    pub(super) beyond: [bool; 2],
+    /// Portals whose capture region lies on this face.
+    pub(super) captures: Vec<usize>,
+}
+
+/// The fixed part of a run.
+pub(super) struct Stage<'a, S, const N: usize> {
+    pub(super) geometry: &'a Geometry,
+    pub(super) scatter: &'a [S],
+    pub(super) bands: usize,
+    pub(super) materials: Vec<MaterialLanes<N>>,
+    pub(super) faces: Vec<Face>,
+    pub(super) passages: Vec<Passage>,
+    /// Per portal: portals with capture regions on the same wall, itself included.
+    pub(super) companions: Vec<Vec<usize>>,
+    pub(super) receivers: Vec<Receiver<N>>,
+    /// Attenuation of the air in Np/m; `None`: none in any band.
+    pub(super) air: Option<Lanes<N>>,
+    pub(super) speed_m_s: f64,
+    /// Way in m that sound goes within the echogram.
+    pub(super) length_m: f64,
+    pub(super) reflection_order: u32,
+    pub(super) portal_order: u32,
+}
+
+impl<'a, S: Crossing, const N: usize> Stage<'a, S, N> {
+    /// Sets up a run.
+    pub(super) fn new(scene: &Scene, geometry: &'a Geometry, scatter: &'a [S], plan: &TracePlan) -> Self {
+        let passages: Vec<Passage> = geometry.portals.iter().map(|p| Passage::new(p, scene, geometry)).collect();
+        let receivers = scene
+            .probes
+            .iter()
+            .map(|p| Receiver::new(p.position_m, geometry, &passages, scatter, scene.bands.len(), plan))
+            .collect();
+        let captured = |group: usize| -> Vec<usize> {
+            let narrow = |p: &Passage| p.is_captured(1.0) || p.is_captured(-1.0);
+            (0..passages.len()).filter(|&i| passages[i].group == group && narrow(&passages[i])).collect()
+        };
+        let attenuation = &scene.air.attenuation_per_m;
+        let speed_m_s = scene.air.speed_of_sound_m_s;
+        Self {
+            geometry,
+            scatter,
+            bands: scene.bands.len(),
+            materials: scene.materials.iter().map(MaterialLanes::new).collect(),
+            faces: faces(scene, geometry, |group, normal| {
+                captured(group)
+                    .into_iter()
+                    .filter(|&i| passages[i].frame.normal.dot(normal).abs() > 1.0 - 1e-9)
+                    .collect()
+            }),
+            companions: passages.iter().map(|p| captured(p.group)).collect(),
+            passages,
+            receivers,
+            air: attenuation.iter().any(|&m| m > 0.0).then(|| lanes(attenuation.iter().copied())),
+            speed_m_s,
+            length_m: plan.length_s * speed_m_s,
+            reflection_order: u32::try_from(plan.reflection_order).unwrap_or(u32::MAX),
+            portal_order: u32::try_from(plan.portal_order).unwrap_or(u32::MAX),
+        }
+    }
+}
+
+/// The faces of all surfaces; `captures` gives the portals with capture regions on the faces of a group with a normal.
+fn faces(scene: &Scene, geometry: &Geometry, captures: impl Fn(usize, DVec3) -> Vec<usize>) -> Vec<Face> {
+    let points: Vec<DVec3> = scene
+        .boxes
+        .iter()
+        .flat_map(box_corners)
+        .chain(scene.walls.iter().flat_map(|w| w.corners_m.iter().copied()))
+        .chain(scene.meshes.iter().flat_map(|m| m.triangles_m.iter().flatten().copied()))
+        .chain(scene.probes.iter().map(|p| p.position_m))
+        .collect();
+    let unbounded = scene.walls.iter().any(|w| w.unbounded);
+    geometry
+        .surfaces
+        .iter()
+        .map(|surface| {
+            let (origin, normal) = (surface.frame.origin_m, surface.frame.normal);
+            let mut through_m = [0.0f64; 2];
+            for other in &geometry.surfaces {
+                let parallel = other.frame.normal.dot(normal).abs() > 1.0 - 1e-9;
+                if other.group != surface.group || other.plane == surface.plane || !parallel {
+                    continue;
+                }
+                let height = (other.frame.origin_m - origin).dot(normal);
+                let slot = &mut through_m[usize::from(height < 0.0)];
+                if *slot == 0.0 || height.abs() < *slot {
+                    *slot = height.abs();
+                }
+            }
+            let beyond = |sign: f64| unbounded || points.iter().any(|p| sign * (p - origin).dot(normal) > 1e-6);
+            Face {
+                normal,
+                material: surface.material,
+                through_m,
+                beyond: [beyond(1.0), beyond(-1.0)],
+                captures: captures(surface.group, normal),
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,163 @@
+//! What the probes have received so far: echograms, sums over rays and their squares.
+
+use super::lanes::Lanes;
+use super::ledger::Accounts;
+use crate::probe::Echogram;
+
+/// The receptions of a set of rays of one source at all probes.
+#[derive(Clone)]
+pub(super) struct Tally<const N: usize> {
+    bins: usize,
+    bins_per_s: f64,
+    /// Echogram of each probe, `bins` entries each.
+    echogram: Vec<[f64; N]>,
+    /// First and one past the last bin in use, one pair a probe.
+    used: Vec<(usize, usize)>,
+    /// What the current ray has brought to each probe.
+    current: Vec<[f64; N]>,
+    /// Probes the current ray has reached.
+    reached: Vec<usize>,
+    /// Sums over rays, one a probe.
+    pub(super) sum: Vec<[f64; N]>,
+    /// Sums of squares over rays, one a probe.
+    pub(super) square: Vec<[f64; N]>,
+    /// Rays that reached the probe at all.
+    pub(super) arrivals: Vec<u64>,
+    /// Rays traced.
+    pub(super) rays: u64,
+    /// Hits on surfaces and portals.
+    pub(super) hits: u64,
+    /// Energy accounts.
+    pub(super) accounts: Accounts<N>,
+}
+
+impl<const N: usize> Tally<N> {
+    pub(super) fn new(probes: usize, bins: usize, bin_s: f64) -> Self {
+        Self {
+            bins,
+            bins_per_s: 1.0 / bin_s,
+            echogram: vec![[0.0; N]; probes * bins],
+            used: vec![(bins, 0); probes],
+            current: vec![[0.0; N]; probes],
+            reached: Vec::with_capacity(probes),
+            sum: vec![[0.0; N]; probes],
+            square: vec![[0.0; N]; probes],
+            arrivals: vec![0; probes],
+            rays: 0,
+            hits: 0,
+            accounts: Accounts::new(),
+        }
+    }
+
+    /// Memory of one tally in bytes.
+    pub(super) fn bytes(probes: usize, bins: usize) -> usize {
+        probes * bins * N * size_of::<f64>()
+    }
+
+    /// Back to nothing received; costs only the bins in use.
+    pub(super) fn clear(&mut self) {
+        for (probe, used) in self.used.iter_mut().enumerate() {
+            let start = probe * self.bins;
+            if used.0 < used.1 {
+                self.echogram[start + used.0..start + used.1].fill([0.0; N]);
+            }
+            *used = (self.bins, 0);
+        }
+        self.current.fill([0.0; N]);
+        self.reached.clear();
+        self.sum.fill([0.0; N]);
+        self.square.fill([0.0; N]);
+        self.arrivals.fill(0);
+        self.rays = 0;
+        self.hits = 0;
+        self.accounts = Accounts::new();
+    }
+
+    /// Whether something that arrives after `delay_s` still lies in the echogram.
+    #[inline]
+    pub(super) fn in_time(&self, delay_s: f64) -> bool {
+        delay_s * self.bins_per_s < self.bins as f64
+    }
+
+    /// Books an arrival of the current ray; one that is too late for the echogram is ignored.
+    #[inline]
+    pub(super) fn receive(&mut self, probe: usize, delay_s: f64, intensity: &Lanes<N>) {
+        let bin = (delay_s * self.bins_per_s) as usize;
+        if bin >= self.bins {
+            return;
+        }
+        let slot = &mut self.echogram[probe * self.bins + bin];
+        let current = &mut self.current[probe];
+        for b in 0..N {
+            let i = f64::from(intensity[b]);
+            slot[b] += i;
+            current[b] += i;
+        }
+        let used = &mut self.used[probe];
+        *used = (used.0.min(bin), used.1.max(bin + 1));
+        if self.reached.last() != Some(&probe) && !self.reached.contains(&probe) {
+            self.reached.push(probe);
+        }
+    }
+
+    /// Closes the account of the current ray.
+    pub(super) fn end_ray(&mut self) {
+        self.rays += 1;
+        for probe in self.reached.drain(..) {
+            let current = &mut self.current[probe];
+            let (sum, square) = (&mut self.sum[probe], &mut self.square[probe]);
+            for b in 0..N {
+                sum[b] += current[b];
+                square[b] += current[b] * current[b];
+            }
+            *current = [0.0; N];
+            self.arrivals[probe] += 1;
+        }
+    }
+
+    /// Adds the receptions of another set of rays. The order of merging decides the last bits.
+    pub(super) fn merge(&mut self, other: &Self) {
+        for probe in 0..self.sum.len() {
+            let (first, end) = other.used[probe];
+            let start = probe * self.bins;
+            for bin in start + first..start + end.max(first) {
+                for b in 0..N {
+                    self.echogram[bin][b] += other.echogram[bin][b];
+                }
+            }
+            let used = &mut self.used[probe];
+            *used = (used.0.min(first), used.1.max(end));
+            for b in 0..N {
+                self.sum[probe][b] += other.sum[probe][b];
+                self.square[probe][b] += other.square[probe][b];
+            }
+            self.arrivals[probe] += other.arrivals[probe];
+        }
+        self.rays += other.rays;
+        self.hits += other.hits;
+        self.accounts.merge(&other.accounts);
+    }
+
+    /// Mean over rays and its standard error, in one band of one probe. Each ray is one independent sample that carries the
+    /// whole power of the source.
+    pub(super) fn mean_and_error(&self, probe: usize, band: usize) -> (f64, f64) {
+        if self.rays < 2 {
+            return (0.0, f64::INFINITY);
+        }
+        let n = self.rays as f64;
+        let mean = self.sum[probe][band] / n;
+        let variance = (self.square[probe][band] / n - mean * mean).max(0.0);
+        (mean, (variance / (n - 1.0)).sqrt())
+    }
+
+    /// The echogram of one probe.
+    pub(super) fn echogram(&self, probe: usize, bands: usize) -> Echogram {
+        let n = self.rays.max(1) as f64;
+        let bins = &self.echogram[probe * self.bins..(probe + 1) * self.bins];
+        Echogram {
+            bin_s: 1.0 / self.bins_per_s,
+            energy: (0..bands).map(|b| bins.iter().map(|bin| bin[b] / n).collect()).collect(),
+            std_error: (0..bands).map(|b| self.mean_and_error(probe, b).1).collect(),
+        }
+    }
+}
