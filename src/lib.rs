@@ -2,4 +2,5 @@
 
 pub mod error;
 pub mod probe;
+pub mod report;
 pub mod scene;
