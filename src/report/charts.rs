@@ -20,9 +20,9 @@ type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64
 type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
 
 /// The library places everything on whole units; drawing twice as large makes them half a pixel.
-const WIDTH: u32 = 1040;
-const HEIGHT: u32 = 600;
-const FONT: u32 = 28;
+const WIDTH: u32 = 820;
+const HEIGHT: u32 = 500;
+const FONT: u32 = 29;
 
 /// Levels lower than this below the highest one are cut off at the bottom of a chart, in dB.
 const SPAN_DB: f64 = 60.0;
@@ -57,9 +57,22 @@ fn level_range(levels_db: impl Iterator<Item = f64>, margin_db: f64) -> Option<R
     if low > high {
         return None;
     }
-    let low = low.max(high - SPAN_DB);
+    Some(rounded(low.max(high - SPAN_DB), high, margin_db))
+}
+
+fn rounded(low: f64, high: f64, margin_db: f64) -> Range<f64> {
     let step = if high - low > 20.0 { 5.0 } else { 1.0 };
-    Some(((low - margin_db) / step).floor() * step..((high + margin_db) / step).ceil() * step)
+    ((low - margin_db) / step).floor() * step..((high + margin_db) / step).ceil() * step
+}
+
+/// Limits of the level axis of a sweep. The few lowest levels (a door all but closed) may lie far below the others and
+/// would flatten the rest: the axis spans 1.6 times what nine tenths of the levels need, at least 6 dB.
+fn sweep_range(levels_db: impl Iterator<Item = f64>) -> Option<Range<f64>> {
+    let mut levels: Vec<f64> = levels_db.filter(|l| l.is_finite()).collect();
+    levels.sort_by(f64::total_cmp);
+    let (&low, &high) = (levels.first()?, levels.last()?);
+    let usual = levels[levels.len() / 10];
+    Some(rounded(low.max(high - (1.6 * (high - usual)).max(6.0)), high, 0.5))
 }
 
 /// Sets up axes with grid; `x_ticks` overrides the positions and texts of the ticks below.
@@ -92,8 +105,8 @@ where
         .axis_desc_style(label)
         .x_desc(names[0])
         .y_desc(names[1])
-        .x_labels(8)
-        .y_labels(7)
+        .x_labels(7)
+        .y_labels(6)
         .x_label_formatter(x_format)
         .y_label_formatter(&y_format);
     if !grid_x {
@@ -253,6 +266,29 @@ fn finite_runs(points: &[SeriesPoint]) -> impl Iterator<Item = &[SeriesPoint]> {
     points.split(|p| !p.level.level_db().is_finite()).filter(|run| !run.is_empty())
 }
 
+/// The parts of a line that are not below `floor`, cut where it crosses it.
+fn above(line: &[(f64, f64)], floor: f64) -> Vec<Vec<(f64, f64)>> {
+    let mut parts: Vec<Vec<(f64, f64)>> = vec![Vec::new()];
+    let mut previous: Option<(f64, f64)> = None;
+    for &(x, y) in line {
+        let crossing = previous.filter(|p| (p.1 < floor) != (y < floor)).map(|(x0, y0)| {
+            // One of the two is below and the other is not, so that they differ.
+            (x0 + (x - x0) * (floor - y0) / (y - y0), floor)
+        });
+        if let Some(part) = parts.last_mut() {
+            part.extend(crossing);
+            if y >= floor {
+                part.push((x, y));
+            } else {
+                parts.push(Vec::new());
+            }
+        }
+        previous = Some((x, y));
+    }
+    parts.retain(|part| part.len() > 1);
+    parts
+}
+
 /// Limits of the axis of the swept value, a little wider than the values.
 fn value_range(points: &[SeriesPoint]) -> Option<Range<f64>> {
     let (low, high) = (points.first()?.value, points.last()?.value);
@@ -271,7 +307,7 @@ pub(super) fn sweep(
 ) -> Result<Option<String>> {
     let own = points.iter().map(|p| p.level.level_db());
     let others = references.iter().flat_map(|r| r.points.iter().map(|p| p.1));
-    let (Some(y), Some(x)) = (level_range(own.chain(others), 1.5), value_range(points)) else { return Ok(None) };
+    let (Some(y), Some(x)) = (sweep_range(own.chain(others)), value_range(points)) else { return Ok(None) };
     draw(title, |area| {
         let mut chart = axes(area, x.clone(), y.clone(), [x_name, "level re 1 m (dB)"], &plain, false)?;
         let visible = |db: f64| db.clamp(y.start, y.end);
@@ -281,8 +317,9 @@ pub(super) fn sweep(
         }
         for curve in references {
             let inside = curve.points.iter().filter(|(v, db)| x.contains(v) && db.is_finite());
-            let line: Vec<(f64, f64)> = inside.map(|&(v, db)| (v, visible(db))).collect();
-            chart.draw_series([PathElement::new(line, Ink::Reference.line(4))])?;
+            let line: Vec<(f64, f64)> = inside.copied().collect();
+            chart
+                .draw_series(above(&line, y.start).into_iter().map(|l| PathElement::new(l, Ink::Reference.line(4))))?;
         }
         for run in finite_runs(points) {
             let ends = |sign: f64| {
@@ -296,12 +333,11 @@ pub(super) fn sweep(
                     run.iter().map(ends(1.0)).chain(run.iter().rev().map(ends(-1.0))).collect();
                 chart.draw_series([Polygon::new(outline, Ink::Error.fill())])?;
             }
-            let line: Vec<(f64, f64)> = run.iter().map(|p| (p.value, visible(p.level.level_db()))).collect();
-            if line.len() > 1 {
-                chart.draw_series([PathElement::new(line.clone(), Ink::Level.line(5))])?;
-            }
-            if points.len() <= 60 {
-                chart.draw_series(line.iter().map(|&at| Circle::new(at, 5, Ink::Level.fill())))?;
+            let line: Vec<(f64, f64)> = run.iter().map(|p| (p.value, p.level.level_db())).collect();
+            chart.draw_series(above(&line, y.start).into_iter().map(|l| PathElement::new(l, Ink::Level.line(5))))?;
+            if points.len() <= 61 {
+                let dots = line.iter().filter(|(_, db)| *db >= y.start);
+                chart.draw_series(dots.map(|&at| Circle::new(at, 6, Ink::Level.fill())))?;
             }
         }
         let plotting = chart.plotting_area();
@@ -319,16 +355,46 @@ pub(super) fn sweep(
 pub(super) fn sweep_overview(title: &str, x_name: &str, bands: &[(Ink, &[SeriesPoint])]) -> Result<Option<String>> {
     let levels = bands.iter().flat_map(|(_, points)| points.iter().map(|p| p.level.level_db()));
     let x = bands.first().and_then(|(_, points)| value_range(points));
-    let (Some(y), Some(x)) = (level_range(levels, 1.5), x) else { return Ok(None) };
+    let (Some(y), Some(x)) = (sweep_range(levels), x) else { return Ok(None) };
     draw(title, |area| {
         let mut chart = axes(area, x, y.clone(), [x_name, "level re 1 m (dB)"], &plain, true)?;
         for (ink, points) in bands {
             for run in finite_runs(points) {
-                let line = run.iter().map(|p| (p.value, p.level.level_db().clamp(y.start, y.end)));
-                chart.draw_series([PathElement::new(line.collect::<Vec<_>>(), ink.line(4))])?;
+                let line: Vec<(f64, f64)> = run.iter().map(|p| (p.value, p.level.level_db())).collect();
+                chart.draw_series(above(&line, y.start).into_iter().map(|l| PathElement::new(l, ink.line(4))))?;
             }
         }
         Ok(())
     })
     .map(Some)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_cut_where_it_crosses_the_floor() {
+        let line = [(0.0, -4.0), (1.0, 4.0), (2.0, 2.0), (3.0, -2.0), (4.0, -3.0), (5.0, 3.0)];
+        let parts = above(&line, 0.0);
+        assert_eq!(parts, [vec![(0.5, 0.0), (1.0, 4.0), (2.0, 2.0), (2.5, 0.0)], vec![(4.5, 0.0), (5.0, 3.0)]]);
+        assert_eq!(above(&[(0.0, -1.0)], 0.0), Vec::<Vec<_>>::new());
+    }
+
+    #[test]
+    fn one_very_low_level_does_not_flatten_a_sweep() {
+        let levels = std::iter::once(-60.0).chain((0..40).map(|i| -8.0 + 0.2 * f64::from(i)));
+        let range = sweep_range(levels).unwrap();
+        assert!(range.start > -16.0 && range.start < -8.0 && range.end >= -0.2, "{range:?}");
+        assert_eq!(sweep_range([f64::NEG_INFINITY].into_iter()), None);
+    }
+
+    #[test]
+    fn the_envelope_keeps_every_peak() {
+        let mut samples = vec![0.0f32; 10_001];
+        samples[7_777] = -3.0;
+        let columns = envelope(&samples, 100);
+        assert!(columns.len() <= 100);
+        assert_eq!(columns.iter().map(|c| c.1).fold(0.0, f64::min), -3.0);
+    }
 }

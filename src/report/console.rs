@@ -1,6 +1,6 @@
 //! Tables for the terminal.
 
-use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 
 use super::notation;
 use super::series::{Rise, Series, rises};
@@ -13,9 +13,12 @@ const WIDTH: usize = 100;
 /// Standard errors below this many dB are not written beside each level.
 const NEGLIGIBLE_ERROR_DB: f64 = 0.005;
 
+const RULE: LineStyle = LineStyle::none().fill('─').junction('─');
+const STYLE: TableStyle = TableStyle::new().top_border(RULE).header_separator(RULE).bottom_border(RULE);
+
 fn table(header: Vec<String>, left_columns: usize) -> Table {
     let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Disabled);
+    table.load_style(STYLE).set_content_arrangement(ContentArrangement::Disabled);
     let columns = header.len();
     table.set_header(header);
     for i in left_columns..columns {
@@ -75,7 +78,7 @@ pub fn levels_table(run: &Run, receptions: &[Reception]) -> String {
     } else {
         format!("standard errors below {NEGLIGIBLE_ERROR_DB} dB")
     };
-    let mut text = format!("{}: level in dB re the source's free field at 1 m ({spread})\n", run.name);
+    let mut text = format!("{}\nLevels in dB re the source's free field at 1 m ({spread})\n", run.name);
     let all: Vec<&Reception> = receptions.iter().collect();
     text.push_str(&blocks(&all, with_error, |r, b| r.levels[b].level_db()));
     let with_power: Vec<&Reception> = receptions.iter().filter(|r| run.spl_1m_db(&r.source, 0).is_some()).collect();
@@ -102,10 +105,10 @@ pub fn rises_table(swept: &Swept) -> String {
     let ends = swept.series.first().and_then(|s| Some((s.points.first()?.value, s.points.last()?.value)));
     let Some((first, last)) = ends else { return format!("{}: the sweep has no values\n", swept.run.name) };
     let mut text = format!(
-        "{}: level in dB re the source's free field at 1 m against {}, {} values\n",
+        "{}: {} values of {}\nLevels in dB re the source's free field at 1 m\n",
         swept.run.name,
-        swept.parameter,
-        swept.series[0].points.len()
+        swept.series[0].points.len(),
+        swept.parameter
     );
     let header = [
         "source → probe".to_owned(),
@@ -117,7 +120,11 @@ pub fn rises_table(swept: &Swept) -> String {
         "rises".to_owned(),
     ];
     let mut table = table(header.into(), 1);
+    let mut last_pair = String::new();
     for s in &swept.series {
+        let pair = pair_name(&s.source, &s.probe);
+        let shown = if pair == last_pair { String::new() } else { pair.clone() };
+        last_pair = pair;
         let at = |p: Option<&super::SeriesPoint>| p.map_or(String::new(), |p| notation::level(p.level.level_db(), 2));
         let (largest, count) = largest_rise(s);
         let (rise, span) = match largest {
@@ -128,7 +135,7 @@ pub fn rises_table(swept: &Swept) -> String {
             None => ("none".to_owned(), String::new()),
         };
         table.add_row([
-            pair_name(&s.source, &s.probe),
+            shown,
             notation::band(s.band_hz),
             at(s.points.first()),
             at(s.points.last()),

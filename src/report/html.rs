@@ -50,13 +50,7 @@ pub(super) fn sweep_page(results: &Swept) -> Result<String> {
         escaped(&results.parameter)
     );
     rises_table(&mut body, results);
-    let mut pairs: Vec<(&str, &str)> = Vec::new();
-    for s in &results.series {
-        if !pairs.contains(&(&s.source, &s.probe)) {
-            pairs.push((&s.source, &s.probe));
-        }
-    }
-    for (i, (source, probe)) in pairs.into_iter().enumerate() {
+    for (i, (source, probe)) in pairs_of(results).into_iter().enumerate() {
         let of_pair: Vec<&Series> = results.series.iter().filter(|s| s.source == source && s.probe == probe).collect();
         let name = pair_name(source, probe);
         let figures = sweep_figures(results, &of_pair, &name)?;
@@ -307,6 +301,8 @@ fn rises_table(out: &mut String, results: &Swept) {
         put!(out, "<p>There is none: every level grows with the value.</p>");
         return;
     }
+    largest_rises_table(out, results, &pairs_of(results));
+    put!(out, "<details>\n<summary>All intervals</summary>");
     put!(out, "<div class=\"scroll\"><table>\n<thead><tr><th class=\"left\">source → probe</th><th>band</th>");
     put!(
         out,
@@ -334,7 +330,40 @@ fn rises_table(out: &mut String, results: &Swept) {
         }
     }
     put!(out, "</tbody></table></div>");
-    put!(out, "<p class=\"muted\">Rises below 0.05 dB are left out here; closing.csv has all.</p>");
+    put!(out, "<p class=\"muted\">Rises below 0.05 dB are left out here; closing.csv has all.</p>\n</details>");
+}
+
+/// The sources and probes of a sweep in order of appearance.
+fn pairs_of(results: &Swept) -> Vec<(&str, &str)> {
+    let mut pairs: Vec<(&str, &str)> = Vec::new();
+    for s in &results.series {
+        if !pairs.contains(&(&s.source, &s.probe)) {
+            pairs.push((&s.source, &s.probe));
+        }
+    }
+    pairs
+}
+
+/// One row a pair, one column a band: the largest rise and where it is.
+fn largest_rises_table(out: &mut String, results: &Swept, pairs: &[(&str, &str)]) {
+    put!(out, "<div class=\"scroll\"><table>\n<caption>Largest rise in dB, and between which values</caption>");
+    let bands: String =
+        results.run.bands.iter().map(|b| format!("<th>{}</th>", notation::band(b.nominal_hz))).collect();
+    put!(out, "<thead><tr><th class=\"left\">source → probe</th>{bands}</tr></thead>\n<tbody>");
+    for (source, probe) in pairs {
+        put!(out, "<tr><th scope=\"row\">{}</th>", escaped(&pair_name(source, probe)));
+        for s in results.series.iter().filter(|s| s.source == *source && s.probe == *probe) {
+            match console::largest_rise(s).0 {
+                Some(r) => {
+                    let (from, to) = (notation::trimmed(r.value_high, 4), notation::trimmed(r.value_low, 4));
+                    put!(out, "<td>{}<br><small>{from} → {to}</small></td>", decibels(r.rise_db, 2));
+                }
+                None => put!(out, "<td>–</td>"),
+            }
+        }
+        put!(out, "</tr>");
+    }
+    put!(out, "</tbody></table></div>");
 }
 
 fn sweep_figures(results: &Swept, of_pair: &[&Series], name: &str) -> Result<String> {
