@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use diffray::error::Warning;
 use diffray::probe::{BandLevel, EarlyPath, Echogram, Reception};
 use diffray::report::{
-    Decay, Folder, ReferenceCurve, RoomText, Run, Series, Simulated, Swept, Waveform, levels_table, rises, rises_table,
+    Folder, Pair, ReferenceCurve, RoomText, Run, Series, Simulated, Swept, levels_table, rises, rises_table,
     write_bands, write_closing, write_metrics, write_sweep,
 };
+use diffray::response::{DecayTime, Metrics, Response};
 use diffray::scene::{Band, Edges, Output, Simulation, Transport};
 
 const OCTAVES: [f64; 8] = [63.0, 125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0];
@@ -117,31 +118,32 @@ fn simulated() -> Simulated {
             if t < 0.013 { 0.0 } else { (0.2 * noise * (-(t - 0.013) / decay_s).exp()) as f32 }
         })
         .collect();
-    let decay = |band_hz: f64| Decay {
-        source: "talker".into(),
-        probe: "mic-1".into(),
+    let time = |seconds, correlation| DecayTime { seconds, correlation, reliable: true, reason: None };
+    let metrics = |band_hz: f64| Metrics {
         band_hz,
-        edt_s: Some(0.512345678901),
-        t20_s: Some(0.55),
-        t30_s: None,
+        edt: time(Some(0.512345678901), Some(-0.998)),
+        t20: time(Some(0.55), Some(-0.9995)),
+        t30: DecayTime { reason: Some("the decay spans only 31 dB, \"35\" are needed".into()), ..time(None, None) },
         c50_db: Some(3.2),
         c80_db: Some(7.1),
         d50: Some(0.68),
         ts_s: Some(0.041),
-        edt_correlation: Some(0.998),
-        t20_correlation: Some(0.9995),
-        t30_correlation: None,
-        note: "T30: the decay spans only 31 dB, \"35\" are needed".into(),
     };
     let shape = |b: usize| if b == 0 { f64::NEG_INFINITY } else { -10.123456789012 - 1.7 * b as f64 };
     Simulated {
         run: run("<Sliding> & door"),
-        receptions: vec![
-            reception("talker", "mic-1", 0.21, shape),
-            reception("loudspeaker", "mic, the \"second\"", 0.34, |b| shape(b) - 12.0),
+        pairs: vec![
+            Pair {
+                reception: reception("talker", "mic-1", 0.21, shape),
+                response: Some(Response { sample_rate_hz: 48_000, samples, warnings: vec![] }),
+                metrics: OCTAVES.map(metrics).into(),
+            },
+            Pair {
+                reception: reception("loudspeaker", "mic, the \"second\"", 0.34, |b| shape(b) - 12.0),
+                response: None,
+                metrics: vec![],
+            },
         ],
-        waveforms: vec![Waveform { source: "talker".into(), probe: "mic-1".into(), sample_rate_hz: 48_000, samples }],
-        decays: OCTAVES.map(decay).into(),
     }
 }
 
@@ -156,14 +158,14 @@ fn rows(text: &[u8]) -> (Vec<String>, Vec<Vec<String>>) {
 fn bands_csv_reads_back_to_the_last_digit() {
     let results = simulated();
     let mut text = Vec::new();
-    write_bands(&mut text, &results.run, &results.receptions).unwrap();
+    write_bands(&mut text, &results.run, results.pairs.iter().map(|p| &p.reception)).unwrap();
     let (header, rows) = rows(&text);
     assert_eq!(header, ["source", "probe", "band_hz", "level_db", "std_error_db", "early_level_db", "spl_db"]);
     assert_eq!(rows.len(), 16);
     assert_eq!(rows[0][3], "-inf");
     assert_eq!(rows[8][1], "mic, the \"second\"");
     assert_eq!(rows[8][6], "", "a source without a power has no sound pressure level");
-    for (row, expected) in rows.iter().zip(results.receptions.iter().flat_map(|r| &r.levels)) {
+    for (row, expected) in rows.iter().zip(results.pairs.iter().flat_map(|p| &p.reception.levels)) {
         assert_eq!(row[2].parse::<f64>().unwrap(), expected.band_hz);
         assert_eq!(row[3].parse::<f64>().unwrap(), expected.level_db());
         assert_eq!(row[4].parse::<f64>().unwrap(), expected.std_error_db());
@@ -213,13 +215,13 @@ fn closing_csv_lists_every_rise_with_its_ends() {
 fn metrics_csv_leaves_undefined_quantities_empty() {
     let results = simulated();
     let mut text = Vec::new();
-    write_metrics(&mut text, &results.decays).unwrap();
+    write_metrics(&mut text, &results.pairs).unwrap();
     let (header, rows) = rows(&text);
     let column = |name: &str| header.iter().position(|h| h == name).unwrap();
     assert_eq!(rows.len(), 8);
     assert_eq!(rows[0][column("edt_s")], "0.512345678901");
     assert_eq!(rows[0][column("t30_s")], "");
-    assert_eq!(rows[0][column("note")], results.decays[0].note);
+    assert_eq!(rows[0][column("note")], "T30: the decay spans only 31 dB, \"35\" are needed");
 }
 
 /// The page holds no address that a browser would fetch, no script, and every element that is opened is closed.
@@ -279,10 +281,12 @@ fn the_report_of_a_sweep_has_a_chart_a_series_and_one_over_all_bands() {
 #[test]
 fn a_scene_in_which_nothing_arrives_has_a_report_too() {
     let mut results = simulated();
-    for r in &mut results.receptions {
+    for r in results.pairs.iter_mut().map(|p| &mut p.reception) {
         r.levels = r.levels.iter().map(|l| BandLevel { intensity: 0.0, intensity_error: 0.0, ..*l }).collect();
     }
-    results.waveforms[0].samples.fill(0.0);
+    for response in results.pairs.iter_mut().filter_map(|p| p.response.as_mut()) {
+        response.samples.fill(0.0);
+    }
     let place = written(|folder| results.write(folder));
     check_page(&read(place.path(), "report.html"));
     let mut sweep = swept(0.0);
@@ -304,7 +308,10 @@ fn run_json_says_how_to_repeat_the_run() {
     assert_eq!(record["plan"]["portals"][0]["opening"], "door");
     assert_eq!(record["results"][0]["levels"][0]["level_db"], serde_json::Value::Null);
     assert_eq!(record["results"][0]["levels"][4]["level_db"].as_f64().unwrap(), -10.123456789012 - 1.7 * 4.0);
-    assert_eq!(record["files"], serde_json::json!(["bands.csv", "metrics.csv", "report.html", "run.json"]));
+    assert_eq!(
+        record["files"],
+        serde_json::json!(["bands.csv", "ir/talker-mic-1.wav", "metrics.csv", "report.html", "run.json"])
+    );
     for file in record["files"].as_array().unwrap() {
         assert!(place.path().join(file.as_str().unwrap()).is_file());
     }
@@ -313,7 +320,7 @@ fn run_json_says_how_to_repeat_the_run() {
 #[test]
 fn the_table_on_the_terminal_fits_a_hundred_columns() {
     let results = simulated();
-    let text = levels_table(&results.run, &results.receptions);
+    let text = levels_table(&results);
     assert!(text.lines().all(|l| l.chars().count() <= 100), "{text}");
     for words in ["talker → mic-1", "63 Hz", "8 kHz", "-inf", "-11.82 ±0.21", "re 20 µPa"] {
         assert!(text.contains(words), "{words} is missing in\n{text}");
@@ -333,7 +340,7 @@ fn demo_reports() {
         write(&mut folder).unwrap();
         println!("{}", folder.publish().unwrap().display());
     };
-    println!("{}", levels_table(&simulated().run, &simulated().receptions));
+    println!("{}", levels_table(&simulated()));
     println!("{}", rises_table(&swept(0.05)));
     write("demo-simulation", &|folder| simulated().write(folder));
     write("demo-sweep", &|folder| swept(0.05).write(folder));

@@ -7,12 +7,13 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
+use super::ReferenceCurve;
 use super::ink::{Ink, with_classes};
 use super::notation;
 use super::series::{Rise, SeriesPoint};
-use super::{ReferenceCurve, Waveform};
 use crate::error::{Error, Result};
 use crate::probe::BandLevel;
+use crate::response::Response;
 use crate::scene::Band;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -93,7 +94,7 @@ where
         .margin_bottom(4)
         .margin_left(4)
         .x_label_area_size(84)
-        .y_label_area_size(104)
+        .y_label_area_size(118)
         .build_cartesian_2d(x, y)?;
     let y_format = |v: &f64| notation::trimmed(*v, 6).replace('-', "−");
     let label = text_style(Pos::new(HPos::Center, VPos::Center));
@@ -205,7 +206,7 @@ fn time_axis(length_s: f64) -> (f64, &'static str) {
 }
 
 /// Pressure over time; `None` for a silent response.
-pub(super) fn waveform(title: &str, response: &Waveform) -> Result<Option<String>> {
+pub(super) fn waveform(title: &str, response: &Response) -> Result<Option<String>> {
     let peak = response.samples.iter().fold(0.0f32, |peak, s| peak.max(s.abs()));
     if !(peak > 0.0 && peak.is_finite()) || response.sample_rate_hz == 0 {
         return Ok(None);
@@ -228,7 +229,7 @@ pub(super) fn waveform(title: &str, response: &Waveform) -> Result<Option<String
 }
 
 /// Squared pressure over time in dB re its peak, with the backward-integrated decay; `None` for a silent response.
-pub(super) fn energy_time_curve(title: &str, response: &Waveform) -> Result<Option<String>> {
+pub(super) fn energy_time_curve(title: &str, response: &Response) -> Result<Option<String>> {
     let total: f64 = response.samples.iter().map(|&s| f64::from(s).powi(2)).sum();
     if !(total > 0.0 && total.is_finite()) || response.sample_rate_hz == 0 {
         return Ok(None);

@@ -4,7 +4,7 @@ use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyl
 
 use super::notation;
 use super::series::{Rise, Series, rises};
-use super::{Run, Swept};
+use super::{Simulated, Swept};
 use crate::probe::{BandLevel, Reception};
 
 /// Widest table in characters; more bands go into a further block below.
@@ -70,20 +70,21 @@ fn blocks(receptions: &[&Reception], with_error: bool, level_db: impl Fn(&Recept
 }
 
 /// The band levels of all pairs with their standard errors, and the sound pressure levels of sources with a power.
-pub fn levels_table(run: &Run, receptions: &[Reception]) -> String {
-    let errors = || receptions.iter().flat_map(|r| &r.levels).map(BandLevel::std_error_db).filter(|e| e.is_finite());
-    let with_error = errors().any(|e| e >= NEGLIGIBLE_ERROR_DB);
+pub fn levels_table(results: &Simulated) -> String {
+    let run = &results.run;
+    let all: Vec<&Reception> = results.receptions().collect();
+    let mut errors = all.iter().flat_map(|r| &r.levels).map(BandLevel::std_error_db).filter(|e| e.is_finite());
+    let with_error = errors.any(|e| e >= NEGLIGIBLE_ERROR_DB);
     let spread = if with_error {
         "± standard error".to_owned()
     } else {
         format!("standard errors below {NEGLIGIBLE_ERROR_DB} dB")
     };
     let mut text = format!("{}\nLevels in dB re the source's free field at 1 m ({spread})\n", run.name);
-    let all: Vec<&Reception> = receptions.iter().collect();
     text.push_str(&blocks(&all, with_error, |r, b| r.levels[b].level_db()));
-    let with_power: Vec<&Reception> = receptions.iter().filter(|r| run.spl_1m_db(&r.source, 0).is_some()).collect();
+    let with_power: Vec<&Reception> = all.into_iter().filter(|r| run.spl_1m_db(&r.source, 0).is_some()).collect();
     if !with_power.is_empty() {
-        text.push_str("\nSound pressure level in dB re 20 µPa\n");
+        text.push_str("\nSound pressure levels in dB re 20 µPa\n");
         text.push_str(&blocks(&with_power, false, |r, b| {
             r.levels[b].level_db() + run.spl_1m_db(&r.source, b).unwrap_or(f64::NAN)
         }));

@@ -63,6 +63,18 @@ impl Folder {
         Ok(path)
     }
 
+    /// Where to write a file that will be called `stem` + `ending`, or `stem-2` + `ending` and so on if there is one
+    /// already.
+    ///
+    /// # Errors
+    /// [`Error::File`] if its directory cannot be made.
+    pub(super) fn new_path(&mut self, stem: &str, ending: &str) -> Result<PathBuf> {
+        let numbered = (2..).map(|n: u64| format!("{stem}-{n}{ending}"));
+        let name = std::iter::once(format!("{stem}{ending}")).chain(numbered).find(|name| !self.files.contains(name));
+        // The numbers do not end before the names do.
+        self.path(&name.unwrap_or_default())
+    }
+
     /// Stages one file by writing it through `content`.
     ///
     /// # Errors

@@ -5,10 +5,11 @@ use std::fmt::Write as _;
 use super::ink::Ink;
 use super::notation::{self, escaped};
 use super::series::{Series, rises};
-use super::tables::Decay;
-use super::{ReferenceCurve, Run, Simulated, Swept, charts, console, record};
+use super::tables::doubts;
+use super::{Pair, ReferenceCurve, Run, Simulated, Swept, charts, console, record};
 use crate::error::Result;
 use crate::probe::Reception;
+use crate::response::DecayTime;
 
 const STYLE: &str = include_str!("page.css");
 
@@ -25,15 +26,15 @@ pub(super) fn simulation_page(results: &Simulated) -> Result<String> {
     let run = &results.run;
     let mut body = String::new();
     put!(body, "<h2>Band levels</h2>");
-    levels_tables(&mut body, run, &results.receptions);
-    for (i, reception) in results.receptions.iter().enumerate() {
-        let name = pair_name(&reception.source, &reception.probe);
-        let figures = pair_figures(results, reception, &name)?;
+    levels_tables(&mut body, run, results.receptions());
+    for (i, pair) in results.pairs.iter().enumerate() {
+        let name = pair_name(&pair.reception.source, &pair.reception.probe);
+        let figures = pair_figures(results, pair, &name)?;
         folded(&mut body, &name, &figures, i < OPEN_PAIRS);
     }
-    if !results.decays.is_empty() {
+    if results.pairs.iter().any(|p| !p.metrics.is_empty()) {
         put!(body, "<h2>Decay and clarity</h2>");
-        decay_table(&mut body, &results.decays);
+        decay_table(&mut body, &results.pairs);
     }
     Ok(page(run, "simulation", &body))
 }
@@ -142,14 +143,14 @@ fn decibels(db: f64, digits: usize) -> String {
     notation::level(db, digits).replace('-', "−").replace("inf", "∞")
 }
 
-fn levels_tables(out: &mut String, run: &Run, receptions: &[Reception]) {
+fn levels_tables<'a>(out: &mut String, run: &Run, receptions: impl Iterator<Item = &'a Reception> + Clone) {
     let header = |out: &mut String, caption: &str| {
         put!(out, "<div class=\"scroll\"><table>\n<caption>{caption}</caption>");
         let bands: String = run.bands.iter().map(|b| format!("<th>{}</th>", notation::band(b.nominal_hz))).collect();
         put!(out, "<thead><tr><th class=\"left\">source → probe</th>{bands}</tr></thead>\n<tbody>");
     };
     header(out, "Level in dB re the source's free field at 1 m, with standard error");
-    for r in receptions {
+    for r in receptions.clone() {
         put!(out, "<tr><th scope=\"row\">{}</th>", escaped(&pair_name(&r.source, &r.probe)));
         for level in &r.levels {
             let (db, error) = (level.level_db(), level.std_error_db());
@@ -163,7 +164,7 @@ fn levels_tables(out: &mut String, run: &Run, receptions: &[Reception]) {
         put!(out, "</tr>");
     }
     put!(out, "</tbody></table></div>");
-    let powered: Vec<&Reception> = receptions.iter().filter(|r| run.spl_1m_db(&r.source, 0).is_some()).collect();
+    let powered: Vec<&Reception> = receptions.filter(|r| run.spl_1m_db(&r.source, 0).is_some()).collect();
     if powered.is_empty() {
         return;
     }
@@ -194,14 +195,14 @@ fn figure(out: &mut String, heading: &str, svg: Option<String>, caption: &str) {
     }
 }
 
-fn pair_figures(results: &Simulated, reception: &Reception, name: &str) -> Result<String> {
+fn pair_figures(results: &Simulated, pair: &Pair, name: &str) -> Result<String> {
+    let reception = &pair.reception;
     let mut out = String::from("<div class=\"gallery\">\n");
     let bars = charts::levels(&format!("Band levels, {name}"), &results.run.bands, &reception.levels)?;
     let early =
         if reception.echogram.is_some() { " Orange line: what arrives on deterministic paths alone." } else { "" };
     figure(&mut out, "Band levels", bars, &format!("Vertical stroke: plus and minus one standard error.{early}"));
-    let response = results.waveforms.iter().find(|w| w.source == reception.source && w.probe == reception.probe);
-    if let Some(response) = response {
+    if let Some(response) = &pair.response {
         let wave = charts::waveform(&format!("Impulse response, {name}"), response)?;
         figure(
             &mut out,
@@ -256,7 +257,7 @@ fn paths_table(out: &mut String, results: &Simulated, reception: &Reception) {
     put!(out, "</tbody></table></div>\n</details>");
 }
 
-fn decay_table(out: &mut String, decays: &[Decay]) {
+fn decay_table(out: &mut String, pairs: &[Pair]) {
     put!(
         out,
         "<div class=\"scroll\"><table>\n<caption>ISO 3382-1; small: correlation of the fit</caption>\n<thead><tr>"
@@ -267,28 +268,28 @@ fn decay_table(out: &mut String, decays: &[Decay]) {
         "<th>C50 (dB)</th><th>C80 (dB)</th><th>D50</th><th>Ts (ms)</th><th class=\"left\">note</th></tr></thead>\n<tbody>"
     );
     let plain = |x: Option<f64>, digits: usize| x.map_or("–".to_owned(), |x| decibels(x, digits));
-    let fitted = |x: Option<f64>, r: Option<f64>| match (x, r) {
-        (Some(x), Some(r)) => format!("{x:.2} <small>{r:.3}</small>"),
-        (x, _) => plain(x, 2),
+    let fitted = |d: &DecayTime| match (d.seconds, d.correlation) {
+        (Some(seconds), Some(r)) => format!("{seconds:.2} <small>{:.3}</small>", r.abs()),
+        (seconds, _) => plain(seconds, 2),
     };
-    for d in decays {
-        let band = if d.band_hz > 0.0 { notation::band(d.band_hz) } else { "all".to_owned() };
+    for (pair, m) in pairs.iter().flat_map(|p| p.metrics.iter().map(move |m| (p, m))) {
         put!(
             out,
-            "<tr><th scope=\"row\">{}</th><td>{band}</td><td>{}</td><td>{}</td><td>{}</td>",
-            escaped(&pair_name(&d.source, &d.probe)),
-            fitted(d.edt_s, d.edt_correlation),
-            fitted(d.t20_s, d.t20_correlation),
-            fitted(d.t30_s, d.t30_correlation)
+            "<tr><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td><td>{}</td>",
+            escaped(&pair_name(&pair.reception.source, &pair.reception.probe)),
+            notation::band(m.band_hz),
+            fitted(&m.edt),
+            fitted(&m.t20),
+            fitted(&m.t30)
         );
         put!(
             out,
             "<td>{}</td><td>{}</td><td>{}</td><td>{}</td><td class=\"note\">{}</td></tr>",
-            plain(d.c50_db, 1),
-            plain(d.c80_db, 1),
-            plain(d.d50, 2),
-            plain(d.ts_s.map(|s| s * 1e3), 0),
-            escaped(&d.note)
+            plain(m.c50_db, 1),
+            plain(m.c80_db, 1),
+            plain(m.d50, 2),
+            plain(m.ts_s.map(|s| s * 1e3), 0),
+            escaped(&doubts(m))
         );
     }
     put!(out, "</tbody></table></div>");

@@ -19,6 +19,7 @@ use std::path::PathBuf;
 
 use crate::error::{Result, Warning};
 use crate::probe::Reception;
+use crate::response::{Metrics, Response};
 use crate::scene::{Air, Band, Output, Scene, Simulation, Source, SourceKind};
 
 use record::Record;
@@ -26,7 +27,7 @@ use record::Record;
 pub use console::{levels_table, rises_table};
 pub use folder::{Folder, check_writable};
 pub use series::{Rise, Series, SeriesPoint, rises};
-pub use tables::{Decay, write_bands, write_closing, write_metrics, write_sweep};
+pub use tables::{write_bands, write_closing, write_metrics, write_sweep};
 
 /// The room file as the user gave it.
 #[derive(Debug, Clone, PartialEq)]
@@ -119,17 +120,15 @@ pub fn spl_at_1m_db(source: &Source, air: &Air) -> Option<Vec<f64>> {
     Some(power_db.iter().map(|p| p + offset_db).collect())
 }
 
-/// The impulse response of one pair, as far as the report shows it.
+/// Everything about one source at one probe.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Waveform {
-    /// Name of the source.
-    pub source: String,
-    /// Name of the probe.
-    pub probe: String,
-    /// Sample rate in Hz.
-    pub sample_rate_hz: u32,
-    /// Pressure relative to the free-field peak at 1 m; sample 0 is the moment of emission.
-    pub samples: Vec<f32>,
+pub struct Pair {
+    /// What arrived.
+    pub reception: Reception,
+    /// The impulse response, where there is one.
+    pub response: Option<Response>,
+    /// Decay and clarity, one entry a band; may be empty.
+    pub metrics: Vec<Metrics>,
 }
 
 /// A curve from elsewhere (theory, measurement) to be drawn over a sweep.
@@ -153,28 +152,42 @@ pub struct Simulated {
     /// What was asked for and how it went.
     pub run: Run,
     /// One entry a source and probe.
-    pub receptions: Vec<Reception>,
-    /// Impulse responses; may be empty.
-    pub waveforms: Vec<Waveform>,
-    /// Decay and clarity; may be empty.
-    pub decays: Vec<Decay>,
+    pub pairs: Vec<Pair>,
 }
 
 impl Simulated {
-    /// Writes `bands.csv`, `metrics.csv`, `run.json` and `report.html`.
+    /// What the probes received.
+    fn receptions(&self) -> impl Iterator<Item = &Reception> + Clone {
+        self.pairs.iter().map(|p| &p.reception)
+    }
+
+    /// Writes `bands.csv`, `ir/<source>-<probe>.wav`, `metrics.csv`, `report.html` and `run.json`; without impulse
+    /// responses or metrics their files are left out.
     ///
     /// # Errors
     /// [`crate::error::Error::File`] if a file cannot be written.
     pub fn write(&self, folder: &mut Folder) -> Result<()> {
-        folder.write("bands.csv", |out| write_bands(out, &self.run, &self.receptions))?;
-        if !self.decays.is_empty() {
-            folder.write("metrics.csv", |out| write_metrics(out, &self.decays))?;
+        folder.write("bands.csv", |out| write_bands(out, &self.run, self.receptions()))?;
+        if self.pairs.iter().any(|p| !p.metrics.is_empty()) {
+            folder.write("metrics.csv", |out| write_metrics(out, &self.pairs))?;
+        }
+        for pair in &self.pairs {
+            if let Some(response) = &pair.response {
+                let stem = format!("ir/{}-{}", file_part(&pair.reception.source), file_part(&pair.reception.probe));
+                response.write_wav(&folder.new_path(&stem, ".wav")?)?;
+            }
         }
         let page = html::simulation_page(self)?;
         folder.write("report.html", |out| out.write_all(page.as_bytes()))?;
         let files = folder.files();
         folder.write_record(&Record::of_simulation(self, files))
     }
+}
+
+/// A name as part of a file name: separators and what some systems refuse become `_`.
+fn file_part(name: &str) -> String {
+    let allowed = |c: char| !c.is_control() && !"/\\:*?\"<>|".contains(c);
+    name.chars().map(|c| if allowed(c) { c } else { '_' }).collect()
 }
 
 /// The results of a sweep.

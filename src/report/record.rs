@@ -5,10 +5,10 @@ use serde::{Serialize, Serializer};
 use sha2::{Digest, Sha256};
 
 use super::series::{Rise, Series, rises};
-use super::tables::Decay;
-use super::{Run, Simulated, Swept};
+use super::{Pair, Run, Simulated, Swept};
 use crate::error::Warning;
-use crate::probe::{BandLevel, EarlyPath, Reception};
+use crate::probe::{BandLevel, EarlyPath};
+use crate::response::Metrics;
 use crate::scene::{Band, Output, Simulation};
 
 /// The value of `program`, by which a later run knows a record as ours.
@@ -36,8 +36,6 @@ pub(super) struct Record<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     parameter: Option<&'a str>,
     results: Results<'a>,
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    metrics: &'a [Decay],
     files: Vec<String>,
 }
 
@@ -60,6 +58,8 @@ struct PairRecord<'a> {
     probe: &'a str,
     levels: Vec<LevelRecord>,
     paths: Vec<PathRecord<'a>>,
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    metrics: &'a [Metrics],
 }
 
 #[derive(Serialize)]
@@ -125,16 +125,14 @@ impl<'a> Record<'a> {
             warnings: &run.warnings,
             parameter: None,
             results,
-            metrics: &[],
             files,
         }
     }
 
     /// The record of a simulation whose other results are in `files`.
     pub(super) fn of_simulation(simulated: &'a Simulated, files: Vec<String>) -> Self {
-        let pairs = simulated.receptions.iter().map(PairRecord::from).collect();
-        let record = Record::of(&simulated.run, "simulate", Results::Pairs(pairs), files);
-        Record { metrics: &simulated.decays, ..record }
+        let pairs = simulated.pairs.iter().map(PairRecord::from).collect();
+        Record::of(&simulated.run, "simulate", Results::Pairs(pairs), files)
     }
 
     /// The record of a sweep whose other results are in `files`.
@@ -145,13 +143,15 @@ impl<'a> Record<'a> {
     }
 }
 
-impl<'a> From<&'a Reception> for PairRecord<'a> {
-    fn from(r: &'a Reception) -> Self {
+impl<'a> From<&'a Pair> for PairRecord<'a> {
+    fn from(pair: &'a Pair) -> Self {
+        let r = &pair.reception;
         PairRecord {
             source: &r.source,
             probe: &r.probe,
             levels: r.levels.iter().map(LevelRecord::from).collect(),
             paths: r.paths.iter().map(PathRecord::from).collect(),
+            metrics: &pair.metrics,
         }
     }
 }

@@ -3,43 +3,10 @@
 
 use std::io::{self, Write};
 
-use super::Run;
 use super::series::{Series, rises};
+use super::{Pair, Run};
 use crate::probe::{BandLevel, Reception};
-
-/// Decay and clarity of one source at one probe in one band (ISO 3382-1). `None` where the response does not
-/// determine the quantity; the note says why.
-#[derive(Debug, Clone, PartialEq, Default, serde::Serialize)]
-pub struct Decay {
-    /// Name of the source.
-    pub source: String,
-    /// Name of the probe.
-    pub probe: String,
-    /// Nominal centre of the band in Hz; 0 stands for the broadband response.
-    pub band_hz: f64,
-    /// Early decay time in s.
-    pub edt_s: Option<f64>,
-    /// Reverberation time from -5 to -25 dB in s.
-    pub t20_s: Option<f64>,
-    /// Reverberation time from -5 to -35 dB in s.
-    pub t30_s: Option<f64>,
-    /// Clarity with the limit at 50 ms in dB.
-    pub c50_db: Option<f64>,
-    /// Clarity with the limit at 80 ms in dB.
-    pub c80_db: Option<f64>,
-    /// Definition: share of the energy within 50 ms, 0..=1.
-    pub d50: Option<f64>,
-    /// Centre time in s.
-    pub ts_s: Option<f64>,
-    /// Correlation coefficient of the fit behind `edt_s`, in magnitude.
-    pub edt_correlation: Option<f64>,
-    /// Correlation coefficient of the fit behind `t20_s`, in magnitude.
-    pub t20_correlation: Option<f64>,
-    /// Correlation coefficient of the fit behind `t30_s`, in magnitude.
-    pub t30_correlation: Option<f64>,
-    /// What to keep in mind; empty if nothing.
-    pub note: String,
-}
+use crate::response::Metrics;
 
 /// The columns that describe a level, after those that say where it belongs.
 const LEVEL_COLUMNS: [&str; 4] = ["level_db", "std_error_db", "early_level_db", "spl_db"];
@@ -64,7 +31,11 @@ fn level_fields(run: &Run, source: &str, band: usize, level: &BandLevel) -> [Str
 ///
 /// # Errors
 /// What the writer says.
-pub fn write_bands(out: impl Write, run: &Run, receptions: &[Reception]) -> io::Result<()> {
+pub fn write_bands<'a>(
+    out: impl Write,
+    run: &Run,
+    receptions: impl IntoIterator<Item = &'a Reception>,
+) -> io::Result<()> {
     let mut csv = csv::Writer::from_writer(out);
     csv.write_record(["source", "probe", "band_hz"].iter().chain(&LEVEL_COLUMNS))?;
     for r in receptions {
@@ -132,7 +103,7 @@ pub fn write_closing(out: impl Write, series: &[Series]) -> io::Result<()> {
 ///
 /// # Errors
 /// What the writer says.
-pub fn write_metrics(out: impl Write, decays: &[Decay]) -> io::Result<()> {
+pub fn write_metrics(out: impl Write, pairs: &[Pair]) -> io::Result<()> {
     let mut csv = csv::Writer::from_writer(out);
     csv.write_record([
         "source",
@@ -150,12 +121,33 @@ pub fn write_metrics(out: impl Write, decays: &[Decay]) -> io::Result<()> {
         "t30_correlation",
         "note",
     ])?;
-    for d in decays {
-        let quantities = [d.edt_s, d.t20_s, d.t30_s, d.c50_db, d.c80_db, d.d50, d.ts_s];
-        let fits = [d.edt_correlation, d.t20_correlation, d.t30_correlation];
-        let place = [d.source.clone(), d.probe.clone(), number(d.band_hz)];
-        let numbers = quantities.into_iter().chain(fits).map(optional);
-        csv.write_record(place.into_iter().chain(numbers).chain([d.note.clone()]))?;
+    for pair in pairs {
+        let names = [&pair.reception.source, &pair.reception.probe];
+        for m in &pair.metrics {
+            let decays = [&m.edt, &m.t20, &m.t30];
+            let numbers = decays
+                .map(|d| d.seconds)
+                .into_iter()
+                .chain([m.c50_db, m.c80_db, m.d50, m.ts_s])
+                .chain(decays.map(|d| d.correlation))
+                .map(optional);
+            let place = names.map(String::clone).into_iter().chain([number(m.band_hz)]);
+            csv.write_record(place.chain(numbers).chain([doubts(m)]))?;
+        }
     }
     csv.flush()
+}
+
+/// Why decay times are not to be trusted, those with the same reason together; empty if they are.
+pub(super) fn doubts(m: &Metrics) -> String {
+    let mut reasons: Vec<(String, &str)> = Vec::new();
+    for (name, decay) in [("EDT", &m.edt), ("T20", &m.t20), ("T30", &m.t30)] {
+        if let Some(reason) = &decay.reason {
+            match reasons.iter_mut().find(|(_, known)| known == reason) {
+                Some((names, _)) => *names = format!("{names}, {name}"),
+                None => reasons.push((name.to_owned(), reason)),
+            }
+        }
+    }
+    reasons.iter().map(|(names, reason)| format!("{names}: {reason}")).collect::<Vec<_>>().join("; ")
 }
