@@ -297,6 +297,17 @@ fn value_range(points: &[SeriesPoint]) -> Option<Range<f64>> {
     Some(low - margin..high + margin)
 }
 
+/// Limits of the level axis for the points of a series and the curves drawn over them.
+fn series_range(points: &[SeriesPoint], references: &[&ReferenceCurve]) -> Option<Range<f64>> {
+    let own = points.iter().map(|p| p.level.level_db());
+    sweep_range(own.chain(references.iter().flat_map(|r| r.points.iter().map(|p| p.1))))
+}
+
+/// Whether the chart of [`sweep`] leaves out levels that are too low for its axis.
+pub(super) fn sweep_cuts_levels_off(points: &[SeriesPoint], references: &[&ReferenceCurve]) -> bool {
+    series_range(points, references).is_some_and(|y| points.iter().any(|p| p.level.level_db() < y.start))
+}
+
 /// Level against the swept value in one band, with the intervals of `rises` shaded and other curves dashed; `None` if
 /// nothing arrives anywhere.
 pub(super) fn sweep(
@@ -306,9 +317,7 @@ pub(super) fn sweep(
     rises: &[Rise],
     references: &[&ReferenceCurve],
 ) -> Result<Option<String>> {
-    let own = points.iter().map(|p| p.level.level_db());
-    let others = references.iter().flat_map(|r| r.points.iter().map(|p| p.1));
-    let (Some(y), Some(x)) = (sweep_range(own.chain(others)), value_range(points)) else { return Ok(None) };
+    let (Some(y), Some(x)) = (series_range(points, references), value_range(points)) else { return Ok(None) };
     draw(title, |area| {
         let mut chart = axes(area, x.clone(), y.clone(), [x_name, "level re 1 m (dB)"], &plain, false)?;
         let visible = |db: f64| db.clamp(y.start, y.end);

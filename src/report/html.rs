@@ -397,7 +397,10 @@ fn sweep_figures(results: &Swept, of_pair: &[&Series], name: &str) -> Result<Str
         }
         let mut caption = legend(&keys);
         if !found.is_empty() {
-            let _ = write!(caption, "Shaded: {act} raises the level.");
+            let _ = write!(caption, "Shaded: {act} raises the level. ");
+        }
+        if charts::sweep_cuts_levels_off(&s.points, &references) {
+            caption.push_str("Lower levels are below the axis.");
         }
         figure(&mut out, &band, svg, &caption);
     }
