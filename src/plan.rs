@@ -337,7 +337,7 @@ fn reverberation(scene: &Scene, geometry: &Geometry) -> Option<f64> {
                 .iter()
                 .zip(&scene.air.attenuation_per_m)
                 .map(|(a, m)| {
-                    let absorbed = -room.area_m2 * (1.0 - a.min(0.999)).ln() + 4.0 * m * room.volume_m3;
+                    let absorbed = -room.area_m2 * f64::ln(1.0 - a.min(0.999)) + 4.0 * m * room.volume_m3;
                     decay * room.volume_m3 / absorbed.max(1e-9)
                 })
                 .collect::<Vec<_>>()

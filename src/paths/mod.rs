@@ -65,9 +65,15 @@ fn tidy(paths: Vec<EarlyPath>) -> Vec<EarlyPath> {
 /// The direct sound and the specular reflections in sight.
 fn specular(scene: &Scene, geometry: &Geometry, kind: &SourceKind, source: &ImageTree, probe: usize) -> Vec<Specular> {
     let receiver = scene.probes[probe].position_m;
-    let mut paths = Vec::new();
+    let mut paths: Vec<Specular> = Vec::new();
+    let mut found: Vec<Origin> = Vec::new();
     for (index, image) in source.images.iter().enumerate() {
+        // A way exactly through a corner exists in both orders of reflection, with one and the same image.
+        if found.iter().any(|other| other.coincides(&image.origin)) {
+            continue;
+        }
         let Some(loss) = source.arrive(scene, geometry, index, receiver, Skip::NONE) else { continue };
+        found.push(image.origin);
         let (length, spread) = spreading(&image.origin, kind, receiver);
         let intensity: Vec<f64> = loss
             .factors
