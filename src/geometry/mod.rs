@@ -8,20 +8,29 @@
 
 mod bvh;
 mod cut;
+mod edges;
+mod enclosure;
 mod facet;
 mod patches;
 mod planes;
 mod query;
+mod region;
 mod screen;
+mod sheets;
 mod surfaces;
+mod walk;
+
+use std::ops::Range;
 
 use glam::DVec3;
 
 use crate::error::Result;
-use crate::scene::{Frame, MaterialId, Scene};
+use crate::scene::{Edges, Frame, MaterialId, Scene, Transport};
 use bvh::FacetTree;
 use screen::Screen;
 
+pub use edges::Edge;
+pub use enclosure::Enclosure;
 pub use planes::Plane;
 pub use surfaces::face_frame;
 
@@ -47,6 +56,9 @@ pub struct Hit {
     pub plane: usize,
     /// Group id: equal for all parts of one wall, one box face or one flat patch of a mesh.
     pub group: usize,
+    /// On a reveal: the group of the wall around it, still to be skipped after a reflection, since the ray is inside the wall's
+    /// opening and has its crossing behind it.
+    pub inside: Option<usize>,
 }
 
 /// A flat piece of the boundary.
@@ -66,6 +78,9 @@ pub struct Surface {
     pub name: String,
     /// Whether sound is only expected on the side of the normal (box faces, faces of thick walls).
     pub one_sided: bool,
+    /// For the strip of a thick wall's border that bounds an opening (the sill of a door that reaches the floor): the
+    /// wall's group. Its normal points into the opening and its own group is not the wall's.
+    pub reveal_of: Option<usize>,
 }
 
 /// The open part of an opening.
@@ -100,7 +115,7 @@ impl Skip {
 
     /// For a ray reflected at `hit`.
     pub fn reflected(hit: &Hit) -> Self {
-        Self { plane: Some(hit.plane), group: None }
+        Self { plane: Some(hit.plane), group: hit.inside }
     }
 
     /// For a ray that passed through the wall or portal at `hit`.
@@ -115,6 +130,8 @@ pub struct Geometry {
     pub surfaces: Vec<Surface>,
     /// Open parts of openings; empty without diffraction (openings are then plain holes).
     pub portals: Vec<Portal>,
+    /// Edges that diffract, openings' own edges not counted; empty unless `edges = "auto"`.
+    pub edges: Vec<Edge>,
     /// Point near the middle of the geometry in m; internal coordinates are relative to it.
     pub centre_m: DVec3,
     /// Largest distance of a corner from the centre in m.
@@ -122,6 +139,7 @@ pub struct Geometry {
     planes: Vec<Plane>,
     tree: FacetTree,
     screens: Vec<Screen>,
+    of_mesh: Range<usize>,
     tolerance_m: f64,
 }
 
@@ -140,16 +158,22 @@ impl Geometry {
         let largest = extent_m.max((extent_m + centre_m.abs().max_element()) * f64::from(centre_m != DVec3::ZERO));
         let margin_m = ROUNDING * largest.max(1.0) + 2.0 * unevenness(scene);
         let parts = surfaces::Builder::new(scene, centre_m, extent_m, FLUSH * extent_m).build()?;
-        Ok(Self {
+        let mut geometry = Self {
             tree: FacetTree::new(parts.shapes, margin_m),
             surfaces: parts.surfaces,
             portals: parts.portals,
+            edges: Vec::new(),
             centre_m,
             extent_m,
             planes: parts.book.planes,
             screens: parts.screens,
+            of_mesh: parts.of_mesh,
             tolerance_m: margin_m,
-        })
+        };
+        if scene.simulation.edges == Edges::Auto && scene.simulation.transport != Transport::Geometric {
+            geometry.edges = edges::find(scene, &geometry, &parts.sheets);
+        }
+        Ok(geometry)
     }
 
     /// The distinct planes, each with its surfaces; indexed by plane id.

@@ -208,6 +208,12 @@ impl Over<'_> {
         let mut intensity = Vec::with_capacity(self.spectra.len());
         let mut error = Vec::with_capacity(self.spectra.len());
         for (band, spectrum) in self.spectra.iter().enumerate() {
+            // In sight, short waves do not feel an edge that long ones do.
+            if !shadow && 2.0 * (length - straight) * spectrum.low_hz / spectrum.speed_m_s > FELT_FRESNEL {
+                intensity.push(0.0);
+                error.push(0.0);
+                continue;
+            }
             let sum = self.sum(&from, &to, spectrum)?;
             let air = (-self.scene.air.attenuation_per_m[band] * length).exp();
             let factor = before.factors[band] * after.factors[band] * air;
