@@ -142,8 +142,7 @@ impl ImageTree {
                 let material = &scene.materials[geometry.surfaces[id].material];
                 at = hit.point;
                 if hit.plane == plane {
-                    for (f, (a, s)) in
-                        loss.factors.iter_mut().zip(material.absorption.iter().zip(&material.scattering))
+                    for (f, (a, s)) in loss.factors.iter_mut().zip(material.absorption.iter().zip(&material.scattering))
                     {
                         *f *= (1.0 - a) * (1.0 - s);
                     }

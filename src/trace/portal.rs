@@ -10,8 +10,8 @@
 use glam::DVec3;
 
 use crate::geometry::{Geometry, Portal, Skip};
-use crate::wbsdf::scatter::PortalScatter;
 use crate::scene::{BoxRoom, Frame, Host, Scene};
+use crate::wbsdf::scatter::PortalScatter;
 
 /// What a portal does to a ray: the interface to the wave model.
 ///
