@@ -3,9 +3,31 @@
 //! `room.toml` (text) -> [`RoomFile`] (as typed) -> [`Scene`] (checked). Nothing downstream of [`Scene`] meets
 //! an impossible value.
 
+mod air;
+mod bands;
+mod check;
+mod locate;
+mod materials;
+mod mesh;
+mod overrides;
+mod polygon;
+mod room;
+pub mod room_file;
+mod spectrum;
+
 use std::path::PathBuf;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
+
+pub use air::{
+    attenuation_db_per_m, intensity_attenuation_per_m, midband_hz, speed_of_sound_m_s, water_vapour_percent,
+};
+pub use bands::{band, bands_between, nominal_centres_hz};
+pub use materials::{LibraryEntry, library};
+pub use overrides::{Override, parse_sweep};
+pub use room::{Loaded, Room, RoomSource};
+pub use room_file::RoomFile;
+pub use spectrum::Spectrum;
 
 /// One frequency band, or one tone.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -91,6 +113,18 @@ pub enum Face {
 impl Face {
     /// All six, in index order.
     pub const ALL: [Face; 6] = [Face::XMin, Face::XMax, Face::YMin, Face::YMax, Face::Floor, Face::Ceiling];
+
+    /// Its name in a room file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Face::XMin => "x_min",
+            Face::XMax => "x_max",
+            Face::YMin => "y_min",
+            Face::YMax => "y_max",
+            Face::Floor => "floor",
+            Face::Ceiling => "ceiling",
+        }
+    }
 }
 
 /// A closed cuboid seen from inside.
@@ -104,6 +138,42 @@ pub struct BoxRoom {
     pub max_m: DVec3,
     /// Material of each face in the order of [`Face::ALL`]; `None`: the face is not there.
     pub faces: [Option<MaterialId>; 6],
+}
+
+impl BoxRoom {
+    /// Material of a face; `None`: the face is not there.
+    pub fn face(&self, face: Face) -> Option<MaterialId> {
+        self.faces[face as usize]
+    }
+
+    /// Local frame of a face: local x and y run along the two increasing world axes in the face, in the order x, y, z;
+    /// the origin is the face's corner with the smallest coordinates. The normal, x cross y, points into the box on
+    /// x_min, y_max and floor, out of it on x_max, y_min and ceiling.
+    pub fn face_frame(&self, face: Face) -> Frame {
+        let (x, y) = match face {
+            Face::XMin | Face::XMax => (DVec3::Y, DVec3::Z),
+            Face::YMin | Face::YMax => (DVec3::X, DVec3::Z),
+            Face::Floor | Face::Ceiling => (DVec3::X, DVec3::Y),
+        };
+        let mut origin_m = self.min_m;
+        match face {
+            Face::XMax => origin_m.x = self.max_m.x,
+            Face::YMax => origin_m.y = self.max_m.y,
+            Face::Ceiling => origin_m.z = self.max_m.z,
+            Face::XMin | Face::YMin | Face::Floor => {}
+        }
+        Frame { origin_m, x, y, normal: x.cross(y) }
+    }
+
+    /// Lengths of a face along its local x and y in m.
+    pub fn face_size_m(&self, face: Face) -> [f64; 2] {
+        let size = self.max_m - self.min_m;
+        match face {
+            Face::XMin | Face::XMax => [size.y, size.z],
+            Face::YMin | Face::YMax => [size.x, size.z],
+            Face::Floor | Face::Ceiling => [size.x, size.y],
+        }
+    }
 }
 
 /// A planar, two-sided polygon.
@@ -121,6 +191,13 @@ pub struct Wall {
     pub unbounded: bool,
     /// Local frame: origin at corner 1, x towards corner 2, y at right angles towards the other corners.
     pub frame: Frame,
+}
+
+impl Wall {
+    /// Its corners in the local frame, in m.
+    pub fn outline_m(&self) -> Vec<DVec2> {
+        self.corners_m.iter().map(|corner| self.frame.local(*corner).truncate()).collect()
+    }
 }
 
 /// A right-handed local frame of a plane: x, y in the plane, `normal` = x cross y.

@@ -1,0 +1,350 @@
+//! Paths through openings: every pair of a source image and a probe image on either side of one.
+
+use std::sync::OnceLock;
+
+use glam::DVec3;
+
+use super::images::{ImageTree, Loss, Origin};
+use crate::geometry::{Geometry, Skip};
+use crate::probe::EarlyPath;
+use crate::scene::{Frame, Scene, SourceKind, Transport};
+use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
+use crate::wbsdf::mask::Mask;
+use crate::wbsdf::rectangle::{self, Sides};
+use crate::wbsdf::slit::{self, BandApertures, Form};
+
+/// Openings that act as one: a rectangle, or all infinitely long slits of one plane.
+pub struct Gap {
+    /// Name of the opening(s).
+    pub name: String,
+    frame: Frame,
+    shape: Shape,
+    /// What a ray that stands in the opening cannot meet.
+    skip: Skip,
+}
+
+enum Shape {
+    Slits { mask: Mask, apertures: Vec<OnceLock<BandApertures>> },
+    Rectangle { x_m: [f64; 2], y_m: [f64; 2] },
+}
+
+/// Places across an opening (shares of its width) where sight of source and probe is tested.
+const SIGHT_PLACES: [f64; 5] = [0.02, 0.26, 0.5, 0.74, 0.98];
+/// Relative accuracy of the sums over signed rays.
+const TOLERANCE: f64 = 1e-4;
+
+/// A source or probe image with what it sees of a rectangular opening.
+struct Sight {
+    image: usize,
+    position: DVec3,
+    loss: Loss,
+    /// Which of the 5 x 5 places it reaches, x fastest.
+    seen: [bool; 25],
+}
+
+impl Gap {
+    /// All gaps of the geometry: slits of one plane with parallel edges are joined.
+    pub fn find(scene: &Scene, geometry: &Geometry) -> Vec<Self> {
+        let mut gaps: Vec<Self> = Vec::new();
+        for portal in &geometry.portals {
+            let name = &scene.openings[portal.opening].name;
+            let skip = Skip { plane: None, group: Some(portal.group) };
+            let slit = portal.y_m[0].is_infinite() && portal.y_m[1].is_infinite();
+            if slit
+                && let Some(other) = gaps.iter_mut().find(|g| g.skip == skip)
+                && let Shape::Slits { mask, .. } = &mut other.shape
+            {
+                let all: Vec<[f64; 2]> = mask.openings().iter().copied().chain([portal.x_m]).collect();
+                *mask = Mask::new(&all);
+                other.name = format!("{} + {name}", other.name);
+                continue;
+            }
+            let shape = if slit {
+                let apertures = scene.bands.iter().map(|_| OnceLock::new()).collect();
+                Shape::Slits { mask: Mask::new(&[portal.x_m]), apertures }
+            } else {
+                Shape::Rectangle { x_m: portal.x_m, y_m: portal.y_m }
+            };
+            gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip });
+        }
+        gaps
+    }
+
+    /// Direction of the edges of an infinitely long gap.
+    pub fn slit_direction(&self) -> Option<DVec3> {
+        matches!(self.shape, Shape::Slits { .. }).then_some(self.frame.y)
+    }
+
+    /// All paths from the source's images to the probe's images through this gap with at most `order` reflections.
+    #[expect(clippy::too_many_arguments, reason = "one call site; a struct would only rename them")]
+    pub fn paths(
+        &self,
+        scene: &Scene,
+        geometry: &Geometry,
+        spectra: &[Spectrum],
+        kind: &SourceKind,
+        source: &ImageTree,
+        probe: &ImageTree,
+        order: usize,
+    ) -> Vec<EarlyPath> {
+        match &self.shape {
+            Shape::Slits { mask, apertures } => {
+                self.slit_paths(scene, geometry, spectra, kind, source, probe, order, mask, apertures)
+            }
+            Shape::Rectangle { x_m, y_m } => {
+                self.rectangle_paths(scene, geometry, spectra, source, probe, order, *x_m, *y_m)
+            }
+        }
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "as above")]
+    fn slit_paths(
+        &self,
+        scene: &Scene,
+        geometry: &Geometry,
+        spectra: &[Spectrum],
+        kind: &SourceKind,
+        source: &ImageTree,
+        probe: &ImageTree,
+        order: usize,
+        mask: &Mask,
+        apertures: &[OnceLock<BandApertures>],
+    ) -> Vec<EarlyPath> {
+        let mut paths = Vec::new();
+        for (s, from) in source.images.iter().enumerate() {
+            for (p, to) in probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order) {
+                let Origin::At(receiver) = to.origin else { continue };
+                let receiver = self.frame.local(receiver);
+                let Some((incident, before)) = self.incident(&from.origin, kind, receiver) else { continue };
+                if before * receiver.z >= 0.0 {
+                    continue;
+                }
+                let crossing = Crossing { incident, x_m: receiver.x, z_m: receiver.z.abs() };
+                let Some((share, loss)) = self.slit_sight(scene, geometry, source, probe, s, p, &crossing, mask) else {
+                    continue;
+                };
+                let length = shortest(&crossing, mask);
+                let mut intensity = Vec::with_capacity(spectra.len());
+                let mut error = Vec::with_capacity(spectra.len());
+                for (band, spectrum) in spectra.iter().enumerate() {
+                    let form = match scene.simulation.transport {
+                        Transport::Paraxial => Form::Paraxial,
+                        _ => Form::of_pair(mask, &crossing, spectrum),
+                    };
+                    let sum = if form == Form::Exact && crossing.sin_beta() == 1.0 {
+                        apertures[band].get_or_init(|| BandApertures::new(mask, spectrum, 1.0)).intensity(&crossing)
+                    } else {
+                        slit::intensity(mask, &crossing, spectrum, form, TOLERANCE)
+                    };
+                    let air = (-scene.air.attenuation_per_m[band] * length).exp();
+                    let factor = share * loss[band] * air;
+                    intensity.push(sum.value.max(0.0) * factor);
+                    error.push((sum.error + (-sum.value).max(0.0)) * factor);
+                }
+                paths.push(EarlyPath {
+                    label: self.label(geometry, source, s, probe, p),
+                    reflections: from.planes.len() + to.planes.len(),
+                    delay_s: length / scene.air.speed_of_sound_m_s,
+                    intensity,
+                    error,
+                });
+            }
+        }
+        paths
+    }
+
+    /// The incident wave in the gap's frame and the side it comes from (sign of z).
+    fn incident(&self, origin: &Origin, kind: &SourceKind, receiver: DVec3) -> Option<(Incident, f64)> {
+        match *origin {
+            Origin::At(position) => {
+                let s = self.frame.local(position);
+                let z_m = s.z.abs();
+                Some(match kind {
+                    SourceKind::Line(_) => (Incident::Line { x_m: s.x, z_m }, s.z),
+                    _ => (Incident::Point { x_m: s.x, z_m, dy_m: receiver.y - s.y }, s.z),
+                })
+            }
+            Origin::Along(direction) => {
+                let d = self.frame.turn(direction);
+                (d.z != 0.0).then_some((Incident::Plane { s_x: d.x, s_y: d.y }, -d.z))
+            }
+        }
+    }
+
+    /// Share of the places in the gap that see both ends, and the loss of both chains, one factor a band.
+    #[expect(clippy::too_many_arguments, reason = "as above")]
+    fn slit_sight(
+        &self,
+        scene: &Scene,
+        geometry: &Geometry,
+        source: &ImageTree,
+        probe: &ImageTree,
+        s: usize,
+        p: usize,
+        crossing: &Crossing,
+        mask: &Mask,
+    ) -> Option<(f64, Vec<f64>)> {
+        let Origin::At(receiver) = probe.images[p].origin else { return None };
+        let receiver = self.frame.local(receiver);
+        let (mut seen, mut tried) = (0, 0);
+        let mut loss = None;
+        let reach = crossing.length_m(crossing.straight_x_m()).abs().max(crossing.z_m);
+        for opening in mask.openings() {
+            let straight = crossing.straight_x_m();
+            let low = if opening[0].is_finite() { opening[0] } else { straight.min(opening[1]) - reach };
+            let high = if opening[1].is_finite() { opening[1] } else { straight.max(opening[0]) + reach };
+            for share in SIGHT_PLACES {
+                let x = low + share * (high - low);
+                // The ray keeps its direction cosine along y: y divides like the distances across.
+                let y = match crossing.incident {
+                    Incident::Point { x_m, z_m, dy_m } => {
+                        let (into, out) = ((x - x_m).hypot(z_m), (crossing.x_m - x).hypot(crossing.z_m));
+                        receiver.y - dy_m * out / (into + out)
+                    }
+                    _ => receiver.y,
+                };
+                let at = self.frame.point(x, y);
+                tried += 1;
+                let (Some(a), Some(b)) = (
+                    source.arrive(scene, geometry, s, at, self.skip),
+                    probe.arrive(scene, geometry, p, at, self.skip),
+                ) else {
+                    continue;
+                };
+                seen += 1;
+                loss = loss.or_else(|| Some(a.factors.iter().zip(&b.factors).map(|(a, b)| a * b).collect()));
+            }
+        }
+        loss.map(|loss| (f64::from(seen) / f64::from(tried), loss))
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "as above")]
+    fn rectangle_paths(
+        &self,
+        scene: &Scene,
+        geometry: &Geometry,
+        spectra: &[Spectrum],
+        source: &ImageTree,
+        probe: &ImageTree,
+        order: usize,
+        x_m: [f64; 2],
+        y_m: [f64; 2],
+    ) -> Vec<EarlyPath> {
+        let places: [DVec3; 25] = std::array::from_fn(|i| {
+            let along = |limits: [f64; 2], share: f64| limits[0] + share * (limits[1] - limits[0]);
+            DVec3::new(along(x_m, SIGHT_PLACES[i % 5]), along(y_m, SIGHT_PLACES[i / 5]), 0.0)
+        });
+        let sources = self.sights(scene, geometry, source, &places);
+        let probes = self.sights(scene, geometry, probe, &places);
+        let mut paths = Vec::new();
+        for from in &sources {
+            for to in &probes {
+                let reflections = source.images[from.image].planes.len() + probe.images[to.image].planes.len();
+                if reflections > order || from.position.z * to.position.z >= 0.0 {
+                    continue;
+                }
+                let Some(over) = shortest_over(from.position, to.position, x_m, y_m) else { continue };
+                let (r1, r2) = ((over - from.position).length(), (to.position - over).length());
+                let seen: [bool; 25] = std::array::from_fn(|i| from.seen[i] && to.seen[i]);
+                if !seen.contains(&true) {
+                    continue;
+                }
+                let mut intensity = Vec::with_capacity(spectra.len());
+                for (band, spectrum) in spectra.iter().enumerate() {
+                    let sides = match scene.simulation.transport {
+                        Transport::Paraxial => Sides::Paraxial,
+                        _ => Sides::of(x_m[1] - x_m[0], y_m[1] - y_m[0], spectrum),
+                    };
+                    // Rays within the first Fresnel zone of the shortest way count most.
+                    let zone = spectrum.mean_wavelength_m() * r1 * r2 / (r1 + r2);
+                    let cell = ((x_m[1] - x_m[0]) * (y_m[1] - y_m[0])) / 16.0;
+                    let share = seen_share(&seen, &places, over, zone.max(cell));
+                    let value = if share > 0.0 {
+                        rectangle::intensity(x_m, y_m, from.position, to.position, spectrum, sides)
+                    } else {
+                        0.0
+                    };
+                    let air = (-scene.air.attenuation_per_m[band] * (r1 + r2)).exp();
+                    intensity.push(value.max(0.0) * share * air * from.loss.factors[band] * to.loss.factors[band]);
+                }
+                // The product of two directions is good to 2 % (0.1 dB) in the median: docs/verification.md.
+                let error = intensity.iter().map(|i| 0.02 * i).collect();
+                let label = self.label(geometry, source, from.image, probe, to.image);
+                let delay_s = (r1 + r2) / scene.air.speed_of_sound_m_s;
+                paths.push(EarlyPath { label, reflections, delay_s, intensity, error });
+            }
+        }
+        paths
+    }
+
+    /// Images that see at least one of the places.
+    fn sights(&self, scene: &Scene, geometry: &Geometry, tree: &ImageTree, places: &[DVec3; 25]) -> Vec<Sight> {
+        // Centre and the middles of the quarters first: most images see nothing at all.
+        const FIRST: [usize; 5] = [12, 6, 8, 16, 18];
+        let see = |image: usize, place: usize| {
+            tree.arrive(scene, geometry, image, self.frame.point(places[place].x, places[place].y), self.skip)
+        };
+        let mut sights = Vec::new();
+        for image in 0..tree.images.len() {
+            let Origin::At(position) = tree.images[image].origin else { continue };
+            let Some(loss) = FIRST.iter().find_map(|&place| see(image, place)) else { continue };
+            let seen = std::array::from_fn(|place| see(image, place).is_some());
+            sights.push(Sight { image, position: self.frame.local(position), loss, seen });
+        }
+        sights
+    }
+
+    fn label(&self, geometry: &Geometry, source: &ImageTree, s: usize, probe: &ImageTree, p: usize) -> String {
+        let name = |plane: &usize| super::plane_name(geometry, *plane);
+        let before = source.images[s].planes.iter().map(name);
+        let after = probe.images[p].planes.iter().rev().map(name);
+        let parts: Vec<String> = before.chain([self.name.clone()]).chain(after).collect();
+        parts.join(", ")
+    }
+}
+
+/// Length in m of the shortest way through the mask, spherical for point sources.
+fn shortest(crossing: &Crossing, mask: &Mask) -> f64 {
+    let straight = crossing.straight_x_m();
+    let over = mask.openings().iter().map(|o| straight.clamp(o[0], o[1]));
+    let length = |x: f64| match crossing.incident {
+        Incident::Point { dy_m, .. } => crossing.length_m(x).hypot(dy_m),
+        _ => crossing.length_m(x),
+    };
+    over.map(length).fold(f64::INFINITY, f64::min)
+}
+
+/// The point of the rectangle on the shortest way from `a` to `b` (local coordinates, opposite sides): the straight
+/// line's crossing, clamped, then the stationary point along each side in turn.
+fn shortest_over(a: DVec3, b: DVec3, x_m: [f64; 2], y_m: [f64; 2]) -> Option<DVec3> {
+    let t = a.z / (a.z - b.z);
+    if !(0.0..=1.0).contains(&t) {
+        return None;
+    }
+    let straight = a + (b - a) * t;
+    let mut over = DVec3::new(straight.x.clamp(x_m[0], x_m[1]), straight.y.clamp(y_m[0], y_m[1]), 0.0);
+    for _ in 0..3 {
+        // With the other coordinate fixed the shortest way divides like the distances across it.
+        let divide = |a: f64, b: f64, into: f64, out: f64, limits: [f64; 2]| {
+            (a + (b - a) * into / (into + out)).clamp(limits[0], limits[1])
+        };
+        let across = |p: DVec3, over: DVec3, along_x: bool| (if along_x { p.y - over.y } else { p.x - over.x }).hypot(p.z);
+        over.x = divide(a.x, b.x, across(a, over, true), across(b, over, true), x_m);
+        over.y = divide(a.y, b.y, across(a, over, false), across(b, over, false), y_m);
+    }
+    Some(over)
+}
+
+/// Share of the places that are seen, weighted by a Gaussian of area `zone_m2` about `over`.
+fn seen_share(seen: &[bool; 25], places: &[DVec3; 25], over: DVec3, zone_m2: f64) -> f64 {
+    if seen.iter().all(|s| *s) {
+        return 1.0;
+    }
+    let (mut sum, mut total) = (0.0, 0.0);
+    for (place, seen) in places.iter().zip(seen) {
+        let weight = (-(*place - over).length_squared() / zone_m2).exp().max(1e-12);
+        total += weight;
+        sum += if *seen { weight } else { 0.0 };
+    }
+    sum / total
+}

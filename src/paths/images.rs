@@ -1,0 +1,162 @@
+//! Image sources: which specular chains reach a point, and what they lose on the way.
+
+use glam::DVec3;
+
+use crate::geometry::{Element, Geometry, Skip};
+use crate::scene::{Directivity, Scene, Source, SourceKind};
+
+/// Where the sound of an image comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Origin {
+    /// From a position in m (point and line sources).
+    At(DVec3),
+    /// A plane wave travelling along this unit vector.
+    Along(DVec3),
+}
+
+impl Origin {
+    /// Unit direction from `point` towards the origin.
+    pub fn direction_from(&self, point: DVec3) -> DVec3 {
+        match *self {
+            Self::At(position) => (position - point).normalize_or(DVec3::Z),
+            Self::Along(direction) => -direction,
+        }
+    }
+
+    fn mirrored(&self, point: DVec3, normal: DVec3) -> Self {
+        match *self {
+            Self::At(p) => Self::At(p - normal * (2.0 * (p - point).dot(normal))),
+            Self::Along(d) => Self::Along(d - normal * (2.0 * d.dot(normal))),
+        }
+    }
+}
+
+/// A source, or its mirror image in a chain of planes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image {
+    /// The mirrored origin.
+    pub origin: Origin,
+    /// Plane ids in the order of reflection, counted from the source.
+    pub planes: Vec<usize>,
+    /// Index of the image without the last reflection; the source itself has none.
+    parent: Option<usize>,
+}
+
+/// A source (or probe, by reciprocity) with its images.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImageTree {
+    /// The source first, then its images, each after its parent.
+    pub images: Vec<Image>,
+    directivity: Option<Directivity>,
+    /// Length of the last leg's check for plane waves in m.
+    far_m: f64,
+}
+
+/// What a specular chain leaves of the energy, one factor a band.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Loss {
+    /// Reflected, transmitted and emitted share, without spreading and air.
+    pub factors: Vec<f64>,
+    /// Names of the reflecting surfaces, from the source on.
+    pub surfaces: Vec<usize>,
+}
+
+impl ImageTree {
+    /// The images of `source` up to `order` reflections.
+    pub fn of_source(source: &Source, geometry: &Geometry, order: usize) -> Self {
+        let origin = match source.kind {
+            SourceKind::Plane(direction) => Origin::Along(direction),
+            SourceKind::Point | SourceKind::Line(_) => Origin::At(source.position_m),
+        };
+        let directivity = (source.kind == SourceKind::Point).then_some(source.directivity);
+        Self::new(origin, directivity, geometry, order)
+    }
+
+    /// The images of a probe at `position_m`: sound takes every way in both directions alike.
+    pub fn of_probe(position_m: DVec3, geometry: &Geometry, order: usize) -> Self {
+        Self::new(Origin::At(position_m), None, geometry, order)
+    }
+
+    fn new(origin: Origin, directivity: Option<Directivity>, geometry: &Geometry, order: usize) -> Self {
+        let mut images = vec![Image { origin, planes: Vec::new(), parent: None }];
+        let mut first = 0;
+        for _ in 0..order {
+            let last = images.len();
+            for parent in first..last {
+                for (id, plane) in geometry.planes().iter().enumerate() {
+                    if images[parent].planes.last() == Some(&id) || plane.surfaces.is_empty() {
+                        continue;
+                    }
+                    if let Origin::At(p) = images[parent].origin
+                        && (p - plane.point_m).dot(plane.normal).abs() < 1e-9
+                    {
+                        continue;
+                    }
+                    let origin = images[parent].origin.mirrored(plane.point_m, plane.normal);
+                    let mut planes = images[parent].planes.clone();
+                    planes.push(id);
+                    images.push(Image { origin, planes, parent: Some(parent) });
+                }
+            }
+            first = last;
+        }
+        Self { images, directivity, far_m: 1e4 * geometry.extent_m.max(1.0) }
+    }
+
+    /// Number of images up to `order` for `planes` distinct planes.
+    pub fn count(planes: usize, order: usize) -> f64 {
+        let next = planes.saturating_sub(1) as f64;
+        1.0 + (0..order).map(|n| planes as f64 * next.powi(n as i32)).sum::<f64>()
+    }
+
+    /// Follows the chain of `image` back from `from` (standing on what `skip` names); `None` if it does not exist: a
+    /// reflection point is not on its surface, or something opaque or a portal is in the way.
+    pub fn arrive(&self, scene: &Scene, geometry: &Geometry, image: usize, from: DVec3, skip: Skip) -> Option<Loss> {
+        let mut loss = Loss { factors: vec![1.0; scene.bands.len()], surfaces: Vec::new() };
+        let (mut at, mut skip) = (from, skip);
+        let mut current = image;
+        while let Some(parent) = self.images[current].parent {
+            let plane = *self.images[current].planes.last()?;
+            let direction = self.images[current].origin.direction_from(at);
+            loop {
+                let hit = geometry.closest(at, direction, f64::INFINITY, skip)?;
+                let Element::Surface(id) = hit.element else { return None };
+                let material = &scene.materials[geometry.surfaces[id].material];
+                at = hit.point;
+                if hit.plane == plane {
+                    for (f, (a, s)) in
+                        loss.factors.iter_mut().zip(material.absorption.iter().zip(&material.scattering))
+                    {
+                        *f *= (1.0 - a) * (1.0 - s);
+                    }
+                    loss.surfaces.push(id);
+                    skip = Skip::reflected(&hit);
+                    break;
+                }
+                transmit(&mut loss.factors, material.transmission.as_deref()?);
+                skip = Skip::passed(&hit);
+            }
+            current = parent;
+        }
+        let origin = self.images[current].origin;
+        let end = match origin {
+            Origin::At(position) => position,
+            Origin::Along(direction) => at - direction * self.far_m,
+        };
+        for hit in geometry.segment(at, end, skip, Skip::NONE) {
+            let Element::Surface(id) = hit.element else { return None };
+            let material = &scene.materials[geometry.surfaces[id].material];
+            transmit(&mut loss.factors, material.transmission.as_deref()?);
+        }
+        if let Some(directivity) = &self.directivity {
+            let emitted = directivity.intensity(-origin.direction_from(at));
+            loss.factors.iter_mut().for_each(|f| *f *= emitted);
+        }
+        loss.surfaces.reverse();
+        loss.factors.iter().any(|f| *f > 0.0).then_some(loss)
+    }
+}
+
+fn transmit(factors: &mut [f64], transmission: &[f64]) {
+    factors.iter_mut().zip(transmission).for_each(|(f, t)| *f *= t);
+}

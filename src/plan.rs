@@ -1,0 +1,363 @@
+//! What a scene needs: decided before anything runs, as plain data that can be printed, compared and tested.
+
+use std::fmt::Write as _;
+
+use glam::DVec3;
+
+use crate::error::Warning;
+use crate::geometry::{Element, Geometry, Skip};
+use crate::paths::{EdgeReach, ImageTree, edge_reach};
+use crate::scene::{Edges, Scene, SourceKind, Transport};
+use crate::wbsdf::crossing::Spectrum;
+use crate::wbsdf::mask::Mask;
+use crate::wbsdf::rectangle::Sides;
+use crate::wbsdf::slit::Form;
+
+/// How an opening is modelled in a band.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PortalModel {
+    /// A plain hole: straight rays only.
+    Geometric,
+    /// One edge: signed rays of a half-plane.
+    Edge,
+    /// A wide opening: signed rays.
+    Opening,
+    /// Narrow in one direction at least: exact aperture there.
+    NarrowOpening,
+    /// Nothing passes (but for the leaf's transmission).
+    Closed,
+}
+
+impl PortalModel {
+    /// Its name for people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Geometric => "geometric",
+            Self::Edge => "edge",
+            Self::Opening => "opening",
+            Self::NarrowOpening => "narrow opening",
+            Self::Closed => "closed",
+        }
+    }
+}
+
+/// One opening in one band.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct PortalBand {
+    /// Nominal centre in Hz.
+    pub band_hz: f64,
+    /// k times the smaller side at the band's centre.
+    pub ka: Option<f64>,
+    /// What is modelled.
+    pub model: PortalModel,
+}
+
+/// One opening.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct PortalPlan {
+    /// Its name.
+    pub name: String,
+    /// Open width in m along the wall's local x; `None`: unbounded.
+    pub width_m: Option<f64>,
+    /// Height in m along local y; `None`: unbounded.
+    pub height_m: Option<f64>,
+    /// One entry a band.
+    pub bands: Vec<PortalBand>,
+    /// Why.
+    pub why: String,
+}
+
+/// The stochastic part.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct TracePart {
+    /// Why rays are traced.
+    pub why: String,
+    /// Echogram length in s.
+    pub length_s: f64,
+    /// Echogram bin width in s.
+    pub bin_s: f64,
+    /// Reverberation time (Eyring) in s of the slowest band that the length follows from, if the room is closed.
+    pub reverberation_s: Option<f64>,
+}
+
+/// What will be done for a scene.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Plan {
+    /// How diffraction is modelled.
+    pub transport: Transport,
+    /// Specular reflections on deterministic paths (at most what was asked for).
+    pub reflection_order: usize,
+    /// Image sources to be tried per source and probe.
+    pub images: f64,
+    /// Openings.
+    pub portals: Vec<PortalPlan>,
+    /// Edges of the geometry.
+    pub edges: Vec<EdgeReach>,
+    /// Traced rays; `None`: the deterministic paths are everything.
+    pub traced: Option<TracePart>,
+    /// Why no rays are traced, if none are.
+    pub untraced_why: Option<String>,
+    /// What the user should know.
+    pub warnings: Vec<Warning>,
+}
+
+/// Most image sources per source or probe.
+const MAX_IMAGES: f64 = 50_000.0;
+/// Echogram bin in s.
+const BIN_S: f64 = 1e-3;
+/// Bounds of the echogram's length in s.
+const LENGTH_S: [f64; 2] = [0.1, 20.0];
+/// Rays of the fan that looks for reflections beyond the deterministic order.
+const FAN: usize = 512;
+
+impl Plan {
+    /// Decides what `scene` needs; traces nothing but a small fan of rays.
+    pub fn new(scene: &Scene, geometry: &Geometry) -> Self {
+        let mut warnings = Vec::new();
+        let planes = geometry.planes().len();
+        let mut reflection_order = scene.simulation.reflection_order;
+        while reflection_order > 0 && ImageTree::count(planes, reflection_order) > MAX_IMAGES {
+            reflection_order -= 1;
+        }
+        if reflection_order < scene.simulation.reflection_order {
+            warnings.push(Warning {
+                observation: format!(
+                    "{planes} planes give {:.0} image sources at reflection order {}: more than {MAX_IMAGES:.0}",
+                    ImageTree::count(planes, scene.simulation.reflection_order),
+                    scene.simulation.reflection_order
+                ),
+                remedy: format!("reflection order {reflection_order} is used; traced rays carry the rest"),
+            });
+        }
+        let (traced, untraced_why) = trace_part(scene, geometry, reflection_order);
+        Self {
+            transport: scene.simulation.transport,
+            reflection_order,
+            images: ImageTree::count(planes, reflection_order),
+            portals: portal_plans(scene),
+            edges: edge_reach(scene, geometry),
+            traced,
+            untraced_why,
+            warnings,
+        }
+    }
+
+    /// The plan in words, as `diffray plan` prints it.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            out,
+            "Deterministic paths: direct sound and specular reflections up to order {} ({:.0} images a source).",
+            self.reflection_order, self.images
+        );
+        for portal in &self.portals {
+            let size = |m: Option<f64>| m.map_or("unbounded".to_owned(), |m| format!("{m:.4} m"));
+            let _ = writeln!(
+                out,
+                "Opening \"{}\", {} by {}: {}",
+                portal.name,
+                size(portal.width_m),
+                size(portal.height_m),
+                portal.why
+            );
+            for run in portal.bands.chunk_by(|a, b| a.model == b.model) {
+                let (first, last) = (&run[0], &run[run.len() - 1]);
+                let ka = match (first.ka, last.ka) {
+                    (Some(a), Some(b)) if run.len() > 1 => format!(" (ka {a:.3} to {b:.3})"),
+                    (Some(a), _) => format!(" (ka {a:.3})"),
+                    _ => String::new(),
+                };
+                let range = if run.len() > 1 {
+                    format!("{} to {} Hz", first.band_hz, last.band_hz)
+                } else {
+                    format!("{} Hz", first.band_hz)
+                };
+                let _ = writeln!(out, "  {range:<18} {}{ka}", first.model.name());
+            }
+        }
+        for edge in &self.edges {
+            if edge.felt {
+                let _ = writeln!(out, "Edge \"{}\": modelled (in reach of a source and a probe).", edge.name);
+            } else {
+                let _ = writeln!(out, "Edge \"{}\": left out, changes levels by less than {:.2} dB.", edge.name, edge.bound_db);
+            }
+        }
+        match (&self.traced, &self.untraced_why) {
+            (Some(part), _) => {
+                let _ = writeln!(
+                    out,
+                    "Traced rays: {}. Echogram of {:.2} s in bins of {:.1} ms{}.",
+                    part.why,
+                    part.length_s,
+                    1e3 * part.bin_s,
+                    part.reverberation_s.map_or(String::new(), |t| format!(" (Eyring: {t:.2} s in the slowest band)"))
+                );
+            }
+            (None, why) => {
+                let _ = writeln!(out, "Traced rays: none, {}.", why.as_deref().unwrap_or("nothing is left for them"));
+            }
+        }
+        for warning in &self.warnings {
+            let _ = writeln!(out, "{warning}");
+        }
+        out
+    }
+}
+
+fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
+    let geometric = scene.simulation.transport == Transport::Geometric
+        || scene.simulation.edges == Edges::Off
+        || scene.simulation.diffraction_order == 0;
+    let finite = |limits: [f64; 2]| Some(limits[1] - limits[0]).filter(|w| w.is_finite());
+    scene
+        .openings
+        .iter()
+        .map(|opening| {
+            let (width_m, height_m) = (finite(opening.open_x_m), finite(opening.y_m));
+            let side = [width_m, height_m].into_iter().flatten().reduce(f64::min);
+            let model = |spectrum: &Spectrum| {
+                if opening.is_closed() {
+                    PortalModel::Closed
+                } else if geometric {
+                    PortalModel::Geometric
+                } else if opening.is_slit() {
+                    match (width_m, Form::of(&Mask::new(&[opening.open_x_m]), spectrum)) {
+                        (None, _) => PortalModel::Edge,
+                        (_, Form::Exact) if scene.simulation.transport == Transport::Wbsdf => PortalModel::NarrowOpening,
+                        _ => PortalModel::Opening,
+                    }
+                } else {
+                    let sides = Sides::of(
+                        opening.open_x_m[1] - opening.open_x_m[0],
+                        opening.y_m[1] - opening.y_m[0],
+                        spectrum,
+                    );
+                    match sides {
+                        Sides::WideBoth | Sides::Paraxial => PortalModel::Opening,
+                        _ if scene.simulation.transport == Transport::Paraxial => PortalModel::Opening,
+                        _ => PortalModel::NarrowOpening,
+                    }
+                }
+            };
+            let bands = scene
+                .bands
+                .iter()
+                .map(|band| {
+                    let spectrum = Spectrum::new(band, scene.air.speed_of_sound_m_s);
+                    let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
+                    let ka = side.filter(|_| !opening.is_closed()).map(|a| k * a);
+                    PortalBand { band_hz: band.nominal_hz, ka, model: model(&spectrum) }
+                })
+                .collect();
+            let why = if opening.is_closed() {
+                "the door is closed; only its leaf's transmission loss counts".to_owned()
+            } else if geometric {
+                "diffraction is switched off: a plain hole".to_owned()
+            } else if scene.simulation.transport == Transport::Paraxial {
+                "signed rays of the published small-angle form, at any width".to_owned()
+            } else {
+                "signed rays where it is wide, the exact aperture where it is narrow".to_owned()
+            };
+            PortalPlan { name: opening.name.clone(), width_m, height_m, bands, why }
+        })
+        .collect()
+}
+
+/// Whether anything is left for traced rays, and for how long.
+fn trace_part(scene: &Scene, geometry: &Geometry, order: usize) -> (Option<TracePart>, Option<String>) {
+    let points = || scene.sources.iter().filter(|s| s.kind == SourceKind::Point);
+    if points().next().is_none() {
+        return (None, Some("line sources and plane waves have the deterministic paths only".to_owned()));
+    }
+    if geometry.surfaces.is_empty() {
+        return (None, Some("there is no surface: free field".to_owned()));
+    }
+    let reflects = |surface: usize| {
+        let material = &scene.materials[geometry.surfaces[surface].material];
+        material.absorption.iter().any(|a| *a < 1.0)
+    };
+    let scatters = |surface: usize| {
+        let material = &scene.materials[geometry.surfaces[surface].material];
+        reflects(surface) && material.scattering.iter().any(|s| *s > 0.0)
+    };
+    let mut scattered = false;
+    let mut beyond = false;
+    for source in points() {
+        for direction in sphere(FAN) {
+            let (mut at, mut direction, mut skip) = (source.position_m, direction, Skip::NONE);
+            let mut reflections = 0;
+            // Passages of portals and walls count too, so that the walk ends.
+            for _ in 0..order + 8 {
+                let Some(hit) = geometry.closest(at, direction, f64::INFINITY, skip) else { break };
+                at = hit.point;
+                match hit.element {
+                    Element::Surface(surface) if reflects(surface) => {
+                        scattered |= scatters(surface);
+                        reflections += 1;
+                        let normal = geometry.surfaces[surface].frame.normal;
+                        direction -= normal * (2.0 * direction.dot(normal));
+                        skip = Skip::reflected(&hit);
+                    }
+                    Element::Surface(_) => break,
+                    Element::Portal(_) => skip = Skip::passed(&hit),
+                }
+            }
+            beyond |= reflections > order;
+        }
+    }
+    let why = match (scattered, beyond) {
+        (false, false) => {
+            let why = format!("nothing scatters and no sound is reflected more than {order} times");
+            return (None, Some(why));
+        }
+        (true, true) => format!("surfaces scatter, and sound is reflected more than {order} times"),
+        (true, false) => "surfaces scatter".to_owned(),
+        (false, true) => format!("sound is reflected more than {order} times"),
+    };
+    let reverberation_s = reverberation(scene, geometry);
+    let length = scene.output.response_length_s.unwrap_or_else(|| match reverberation_s {
+        Some(t) => 1.2 * t,
+        None => 4.0 * farthest(scene) / scene.air.speed_of_sound_m_s + 0.2,
+    });
+    let length_s = length.clamp(LENGTH_S[0], LENGTH_S[1]);
+    (Some(TracePart { why, length_s, bin_s: BIN_S, reverberation_s }), None)
+}
+
+/// The longest Eyring reverberation time in s of any source's or probe's room and band; `None` if none is closed.
+fn reverberation(scene: &Scene, geometry: &Geometry) -> Option<f64> {
+    let positions = scene.sources.iter().map(|s| s.position_m).chain(scene.probes.iter().map(|p| p.position_m));
+    positions
+        .filter_map(|p| geometry.enclosure(scene, p))
+        .flat_map(|room| {
+            let c = scene.air.speed_of_sound_m_s;
+            let decay = 24.0 * std::f64::consts::LN_10 / c;
+            room.absorption
+                .iter()
+                .zip(&scene.air.attenuation_per_m)
+                .map(|(a, m)| {
+                    let absorbed = -room.area_m2 * (1.0 - a.min(0.999)).ln() + 4.0 * m * room.volume_m3;
+                    decay * room.volume_m3 / absorbed.max(1e-9)
+                })
+                .collect::<Vec<_>>()
+        })
+        .reduce(f64::max)
+}
+
+/// Largest distance in m between a source and a probe.
+fn farthest(scene: &Scene) -> f64 {
+    let pairs = scene.sources.iter().flat_map(|s| scene.probes.iter().map(move |p| (s, p)));
+    pairs.map(|(s, p)| (s.position_m - p.position_m).length()).fold(0.0, f64::max)
+}
+
+/// `count` directions spread evenly over the sphere (Fibonacci lattice).
+fn sphere(count: usize) -> impl Iterator<Item = DVec3> {
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    (0..count).map(move |i| {
+        let z = 1.0 - (2 * i + 1) as f64 / count as f64;
+        let r = (1.0 - z * z).sqrt();
+        let (sin, cos) = (golden * i as f64).sin_cos();
+        DVec3::new(r * cos, r * sin, z)
+    })
+}

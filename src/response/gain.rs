@@ -1,0 +1,357 @@
+//! The last correction: a smooth gain that gives the whole response the band energies of the reception.
+//!
+//! Levels add intensities, samples add pressures: early paths that overlap within a period interfere, most of all in the
+//! lowest bands, and may leave a band's energy at its very edge. A gain, linear in ln G over ln f and of minimum phase,
+//! restores the white mean of |H|^2 over each band, and as far as it can what the Butterworth filters of IEC 61260-1
+//! class 1 measure of it; times of arrival stay. Of all such gains it is the one with the least curvature.
+
+use nalgebra::{DMatrix, DVector};
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex64;
+
+use super::late::smooth_length;
+use super::spectrum::{Between, Shaper, between_hz, fade};
+use crate::scene::Band;
+
+/// Remaining error of a band's white mean at which the iteration stops, in dB.
+const GOAL_DB: f64 = 0.01;
+/// The same for a band as filters measure it.
+const FILTER_GOAL_DB: f64 = 0.2;
+/// Orders of the Butterworth band-passes: class 1 is met from 3 on (4 near half the sample rate).
+const FILTER_ORDERS: [i32; 2] = [3, 4];
+/// Pieces per octave into which the spectrum is summed for the fit.
+const PIECES: f64 = 96.0;
+/// Distance of the gain's support points in octaves.
+const SUPPORT_OCTAVES: f64 = 0.25;
+/// Weights of white means, of filtered means and of the gain's curvature in the least squares.
+const WEIGHTS: [f64; 3] = [30.0, 1.0, 0.05];
+/// Largest gain or loss, in nepers of amplitude (about 52 dB).
+const LIMIT: f64 = 6.0;
+
+/// One mean of |H|^2 over frequency, as weights of consecutive bins.
+struct Mean {
+    band: usize,
+    /// Whether a filter takes it; else it is the white mean between the band's edges.
+    filtered: bool,
+    first_piece: usize,
+    /// Energy of each piece, its share in the mean included, before the gain.
+    energies: Vec<f64>,
+}
+
+/// Measures the means of a spectrum, piece by piece.
+struct Meter<'a> {
+    bands: &'a [Band],
+    sample_rate_hz: f64,
+    /// Transform length in samples, at least twice the response and at least one second.
+    grid: usize,
+    /// Piece of each bin.
+    piece: Vec<usize>,
+    /// Frequency of each piece in Hz.
+    piece_hz: Vec<f64>,
+    /// Shares of the pieces in each filtered mean, `[band][order][piece]`, one a bin of the piece.
+    filters: Vec<Vec<Vec<f64>>>,
+}
+
+impl<'a> Meter<'a> {
+    fn new(shaper: &Shaper<'a>, samples: usize) -> Self {
+        let (bands, rate) = (shaper.bands(), shaper.sample_rate_hz());
+        let grid = smooth_length((2 * samples).max(samples + shaper.length()).max(rate.ceil() as usize));
+        let step = rate / grid as f64;
+        let (mut piece, mut piece_hz, mut sizes) = (vec![0], vec![0.0], vec![1.0]);
+        let mut end = 0.0;
+        for k in 1..=grid / 2 {
+            let hz = k as f64 * step;
+            if hz >= end {
+                end = hz * (1.0 / PIECES).exp2();
+                piece_hz.push(0.0);
+                sizes.push(0.0);
+            }
+            let last = piece_hz.len() - 1;
+            piece.push(last);
+            piece_hz[last] += hz;
+            sizes[last] += 1.0;
+        }
+        for (hz, size) in piece_hz.iter_mut().zip(&sizes) {
+            *hz /= size;
+        }
+        let filters = bands
+            .iter()
+            .map(|b| {
+                let orders = FILTER_ORDERS.iter().filter(|_| b.high_hz < 0.49 * rate);
+                orders
+                    .map(|order| {
+                        let power: Vec<f64> = piece_hz.iter().map(|hz| butterworth(b, *hz, rate, *order)).collect();
+                        let sum: f64 = power.iter().zip(&sizes).map(|(p, n)| p * n).sum();
+                        power.into_iter().map(|p| p / sum).collect()
+                    })
+                    .collect()
+            })
+            .collect();
+        Self { bands, sample_rate_hz: rate, grid, piece, piece_hz, filters }
+    }
+
+    /// All means of `spectrum`.
+    fn means(&self, spectrum: &[Complex64]) -> Vec<Mean> {
+        let power: Vec<f64> = spectrum.iter().map(|h| h.norm_sqr()).collect();
+        let mut energy = vec![0.0; self.piece_hz.len()];
+        for (p, piece) in power.iter().zip(&self.piece) {
+            energy[*piece] += p;
+        }
+        let white = (0..self.bands.len()).map(|b| self.white_mean(b, &power));
+        let filtered = self.filters.iter().enumerate().flat_map(|(band, orders)| {
+            orders.iter().map(|shares| Mean { band, filtered: true, first_piece: 0, energies: product(shares, &energy) }).collect::<Vec<_>>()
+        });
+        white.chain(filtered).collect()
+    }
+
+    /// White mean over band `b`: the exact integral of the polygon through the bins.
+    fn white_mean(&self, b: usize, power: &[f64]) -> Mean {
+        let (step, top) = (self.sample_rate_hz / self.grid as f64, (self.grid / 2) as f64);
+        let (low, high) = ((self.bands[b].low_hz / step).min(top), (self.bands[b].high_hz / step).min(top));
+        let (first, last) = (low.floor() as usize, (high.ceil() as usize).min(self.grid / 2));
+        let first_piece = self.piece[first];
+        let mut energies = vec![0.0; self.piece[last] - first_piece + 1];
+        let width = (high - low).max(f64::MIN_POSITIVE);
+        for k in first..last {
+            let (from, to) = (low.max(k as f64) - k as f64, high.min((k + 1) as f64) - k as f64);
+            let upper = 0.5 * (to * to - from * from);
+            energies[self.piece[k] - first_piece] += (to - from - upper) * power[k] / width;
+            energies[self.piece[k + 1] - first_piece] += upper * power[k + 1] / width;
+        }
+        Mean { band: b, filtered: false, first_piece, energies }
+    }
+}
+
+fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a * b).collect()
+}
+
+/// |F|^2 of a digital Butterworth band-pass of the given order with -3 dB at the band's edges (bilinear transform).
+fn butterworth(band: &Band, hz: f64, rate: f64, order: i32) -> f64 {
+    let warp = |hz: f64| (std::f64::consts::PI * hz / rate).tan();
+    let (low, high, w) = (warp(band.low_hz), warp(band.high_hz), warp(hz));
+    let detuning = (w * w - low * high) / (w * (high - low));
+    1.0 / (1.0 + detuning.powi(2 * order))
+}
+
+impl Mean {
+    fn value(&self) -> f64 {
+        self.energies.iter().sum()
+    }
+
+    /// 10 lg(mean/target).
+    fn error_db(&self, target: &[f64]) -> f64 {
+        10.0 * (self.value() / target[self.band]).log10()
+    }
+}
+
+/// Gives `samples` the band means of |H|^2 in `target` (one a band of the shaper; 0: the band is silenced). Returns the
+/// remaining error of each band's white mean in dB: 0 where silence was asked for, -infinite where there was nothing to
+/// amplify.
+pub(super) fn match_bands(
+    samples: &mut [f64],
+    target: &[f64],
+    shaper: &mut Shaper<'_>,
+    planner: &mut RealFftPlanner<f64>,
+) -> Vec<f64> {
+    let meter = Meter::new(shaper, samples.len());
+    let (forward, inverse) = (planner.plan_fft_forward(meter.grid), planner.plan_fft_inverse(meter.grid));
+    let mut time = vec![0.0; meter.grid];
+    let mut raw = forward.make_output_vec();
+    time[..samples.len()].copy_from_slice(samples);
+    // Buffers have the plan's own lengths, the only thing the transforms can object to.
+    let done = forward.process(&mut time, &mut raw);
+    debug_assert!(done.is_ok());
+
+    let silent: Vec<bool> = target.iter().map(|t| *t <= 0.0).collect();
+    let step = meter.sample_rate_hz / meter.grid as f64;
+    if silent.contains(&true) {
+        for (k, h) in raw.iter_mut().enumerate() {
+            *h *= fade(meter.bands, &silent, k as f64 * step);
+        }
+    }
+    let means = meter.means(&raw);
+    let mut worst = Worst::of(&means, target);
+    let loud = |m: &Mean| target[m.band] > 0.0 && m.value() > 0.0;
+    if !silent.contains(&true) && (worst.is_met() || !means.iter().any(loud)) {
+        return worst.white_db;
+    }
+
+    let nodes_hz = support(meter.bands);
+    let places: Vec<Between> = meter.piece_hz.iter().map(|hz| between_hz(&nodes_hz, *hz)).collect();
+    let bins: Vec<Between> = (0..raw.len()).map(|k| between_hz(&nodes_hz, k as f64 * step)).collect();
+    let mut wanted: Vec<Option<f64>> = means.iter().map(|m| loud(m).then(|| target[m.band].ln())).collect();
+    let mut ln_gain = vec![0.0; nodes_hz.len()];
+    let mut best: Option<(Worst, Vec<f64>)> = None;
+    let mut spectrum = raw.clone();
+    for _ in 0..5 {
+        fit(&means, &wanted, &places, &mut ln_gain);
+        let phase = shaper.gain_phase(&silent, |hz| between_hz(&nodes_hz, hz).of(&ln_gain));
+        let ratio = shaper.length() as f64 / meter.grid as f64;
+        for (k, (s, r)) in spectrum.iter_mut().zip(&raw).enumerate() {
+            let position = k as f64 * ratio;
+            let cell = (position as usize).min(phase.len() - 2);
+            let angle = phase[cell] + (position - cell as f64) * (phase[cell + 1] - phase[cell]);
+            *s = r * Complex64::from_polar(bins[k].of(&ln_gain).exp() / meter.grid as f64, angle);
+        }
+        spectrum[0].im = 0.0;
+        if let Some(last) = spectrum.last_mut() {
+            last.im = 0.0;
+        }
+        let done = inverse.process(&mut spectrum, &mut time);
+        debug_assert!(done.is_ok());
+        // What rings past either end of the response is cut off; then the loss is measured and made good.
+        time[samples.len()..].fill(0.0);
+        let result = time[..samples.len()].to_vec();
+        let done = forward.process(&mut time, &mut spectrum);
+        debug_assert!(done.is_ok());
+        let reached = meter.means(&spectrum);
+        worst = Worst::of(&reached, target);
+        for (w, m) in wanted.iter_mut().zip(&reached) {
+            // Filtered means are pressed no harder than needed: each press bends the gain further.
+            let pressed = m.value() > 0.0 && (!m.filtered || m.error_db(target).abs() > FILTER_GOAL_DB);
+            if let Some(w) = w.as_mut().filter(|_| pressed) {
+                *w += (target[m.band] / m.value()).ln();
+            }
+        }
+        let done = worst.is_met();
+        if best.as_ref().is_none_or(|(b, _)| worst.score < b.score) {
+            best = Some((worst, result));
+        }
+        if done {
+            break;
+        }
+    }
+    match best {
+        Some((worst, result)) => {
+            samples.copy_from_slice(&result);
+            worst.white_db
+        }
+        None => vec![0.0; target.len()],
+    }
+}
+
+/// The errors of a response.
+struct Worst {
+    /// Error of each band's white mean in dB.
+    white_db: Vec<f64>,
+    /// Largest error in units of its goal.
+    score: f64,
+}
+
+impl Worst {
+    fn of(means: &[Mean], target: &[f64]) -> Self {
+        let sounding = || means.iter().filter(|m| target[m.band] > 0.0);
+        let mut white_db = vec![0.0; target.len()];
+        for m in sounding().filter(|m| !m.filtered) {
+            white_db[m.band] = m.error_db(target);
+        }
+        let goal = |m: &Mean| if m.filtered { FILTER_GOAL_DB } else { GOAL_DB };
+        let errors = sounding().map(|m| m.error_db(target).abs() / goal(m)).filter(|e| e.is_finite());
+        Self { score: errors.fold(0.0, f64::max), white_db }
+    }
+
+    fn is_met(&self) -> bool {
+        self.score <= 1.0
+    }
+}
+
+/// Support points of the gain: the bands' edges and points between them, at most a quarter of an octave (but in narrow
+/// bands half a band) apart.
+fn support(bands: &[Band]) -> Vec<f64> {
+    let mut nodes: Vec<f64> = Vec::new();
+    for b in bands {
+        let octaves = (b.high_hz / b.low_hz).log2();
+        let parts = ((octaves / SUPPORT_OCTAVES).round() as usize).clamp(2, 64);
+        for i in 0..=parts {
+            let hz = b.low_hz * (octaves * i as f64 / parts as f64).exp2();
+            if nodes.last().is_none_or(|last| hz > last * 1.0001) {
+                nodes.push(hz);
+            }
+        }
+    }
+    nodes
+}
+
+/// Improves `ln_gain` (amplitude, at the support points) until the means of the energies times the gain squared have the
+/// logarithms `wanted` (`None`: this mean does not count): least squares on the logarithms after Levenberg and Marquardt.
+fn fit(means: &[Mean], wanted: &[Option<f64>], places: &[Between], ln_gain: &mut Vec<f64>) {
+    let n = ln_gain.len();
+    let mut damping = 1e-3;
+    let mut here = normal_equations(means, wanted, places, ln_gain);
+    for _ in 0..60 {
+        let mut damped = here.matrix.clone();
+        for i in 0..n {
+            damped[(i, i)] *= 1.0 + damping;
+        }
+        let Some(factor) = damped.cholesky() else { return };
+        let step = factor.solve(&here.right);
+        let next: Vec<f64> = ln_gain.iter().zip(step.iter()).map(|(g, s)| (g + s).clamp(-LIMIT, LIMIT)).collect();
+        let there = normal_equations(means, wanted, places, &next);
+        if there.cost < here.cost {
+            let gained = here.cost - there.cost;
+            *ln_gain = next;
+            damping = (0.2 * damping).max(1e-9);
+            let settled = gained < 1e-7 * here.cost + 1e-12;
+            here = there;
+            if settled {
+                return;
+            }
+        } else {
+            damping *= 5.0;
+            if !(damping < 1e9) {
+                return;
+            }
+        }
+    }
+}
+
+/// Normal equations of the least squares, linearised.
+struct Normal {
+    matrix: DMatrix<f64>,
+    right: DVector<f64>,
+    cost: f64,
+}
+
+fn normal_equations(means: &[Mean], wanted: &[Option<f64>], places: &[Between], ln_gain: &[f64]) -> Normal {
+    let n = ln_gain.len();
+    let power: Vec<f64> = places.iter().map(|p| (2.0 * p.of(ln_gain)).exp()).collect();
+    let (mut matrix, mut right, mut cost) = (DMatrix::<f64>::zeros(n, n), DVector::<f64>::zeros(n), 0.0);
+    for (mean, wanted) in means.iter().zip(wanted) {
+        let Some(wanted) = wanted else { continue };
+        let mut slope = DVector::<f64>::zeros(n);
+        let mut value = 0.0;
+        for (i, e) in mean.energies.iter().enumerate() {
+            let (place, e) = (&places[mean.first_piece + i], e * power[mean.first_piece + i]);
+            value += e;
+            for (node, share) in place.shares() {
+                slope[node] += 2.0 * e * share;
+            }
+        }
+        if !(value > 0.0 && value.is_finite()) {
+            continue;
+        }
+        slope /= value;
+        let weight = WEIGHTS[usize::from(mean.filtered)].powi(2);
+        let missing = wanted - value.ln();
+        matrix.ger(weight, &slope, &slope, 1.0);
+        right.axpy(weight * missing, &slope, 1.0);
+        cost += weight * missing * missing;
+    }
+    // The smoothness of the whole gain, not of the step; the small diagonal keeps the matrix regular.
+    let weight = WEIGHTS[2].powi(2);
+    for i in 0..n {
+        matrix[(i, i)] += 1e-6 * weight;
+        if i > 0 && i + 1 < n {
+            let bend = ln_gain[i - 1] - 2.0 * ln_gain[i] + ln_gain[i + 1];
+            cost += weight * bend * bend;
+            for (a, x) in [(i - 1, 1.0), (i, -2.0), (i + 1, 1.0)] {
+                right[a] -= weight * x * bend;
+                for (b, y) in [(i - 1, 1.0), (i, -2.0), (i + 1, 1.0)] {
+                    matrix[(a, b)] += weight * x * y;
+                }
+            }
+        }
+    }
+    Normal { matrix, right, cost }
+}

@@ -1,0 +1,172 @@
+//! The exact aperture: openings in a rigid thin plane screen, solved as an integral equation.
+//!
+//! Openings narrower than a wavelength or so are beyond any ray model (Kirchhoff is 13 dB wrong at ka = 0.2). With the
+//! rigid screen's Green's function the pressure behind the screen is p(r) = (i/2) int H0(k|r - x'|) u(x') dx', u the
+//! normal velocity (times i omega rho) in the openings, and continuity asks for
+//!
+//! ```text
+//! (i/2) int H0(k|x - x'|) u(x') dx' = p_inc(x)   in the openings.
+//! ```
+//!
+//! On an opening with centre m and half width b, x = m + b cos(tau) removes the edge singularity of u, and the
+//! logarithm of the kernel is integrated exactly on Chebyshev nodes (Kress 1989, Yan and Sloan 1988): the error falls
+//! spectrally. Time factor exp(-i omega t); two dimensions, wave number k (k sin(beta) for oblique incidence along the
+//! edges).
+
+use std::f64::consts::{FRAC_2_PI, LN_2, PI};
+
+use nalgebra::{DMatrix, DVector, Dyn, LU};
+use num_complex::Complex64;
+
+use super::crossing::{Crossing, Incident};
+
+const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
+const HALF_I: Complex64 = Complex64 { re: 0.0, im: 0.5 };
+
+/// Hankel function of the first kind and order 0 for x > 0.
+fn hankel0(x: f64) -> Complex64 {
+    Complex64::new(libm::j0(x), libm::y0(x))
+}
+
+/// The factorised integral equation of a set of openings at one wave number.
+pub struct Aperture {
+    k: f64,
+    /// Chebyshev nodes in m, opening after opening.
+    nodes: Vec<f64>,
+    /// Angular step pi/n of the opening of each node.
+    steps: Vec<f64>,
+    factors: LU<Complex64, Dyn, Dyn>,
+}
+
+/// The normal velocity in the openings for one incident field.
+pub struct Solution<'a> {
+    aperture: &'a Aperture,
+    /// u b sin(tau) times the quadrature weight, at the nodes.
+    strengths: DVector<Complex64>,
+}
+
+/// Unknowns for an opening of width `ka` (k times width): the relative error of the far field is below 1e-6 for
+/// sources no nearer than a fifth of the width.
+fn unknowns(ka: f64) -> usize {
+    12 + (0.75 * ka).ceil() as usize
+}
+
+impl Aperture {
+    /// Sets up and factorises the equation for disjoint, finite openings (limits in m) at wave number `k` in 1/m.
+    pub fn new(openings: &[[f64; 2]], k: f64) -> Self {
+        let mut nodes = Vec::new();
+        let mut steps = Vec::new();
+        let mut blocks = Vec::new();
+        for o in openings {
+            let n = unknowns(k * (o[1] - o[0]));
+            let (middle, half) = (0.5 * (o[0] + o[1]), 0.5 * (o[1] - o[0]));
+            blocks.push((nodes.len(), n, half));
+            let step = PI / n as f64;
+            nodes.extend((0..n).map(|j| middle + half * ((j as f64 + 0.5) * step).cos()));
+            steps.extend(std::iter::repeat_n(step, n));
+        }
+        let total = nodes.len();
+        let mut matrix = DMatrix::<Complex64>::zeros(total, total);
+        for i in 0..total {
+            for j in 0..i {
+                let h = hankel0(k * (nodes[i] - nodes[j]).abs());
+                matrix[(i, j)] = HALF_I * h * steps[j];
+                matrix[(j, i)] = HALF_I * h * steps[i];
+            }
+        }
+        for &(start, n, half) in &blocks {
+            add_logarithm(&mut matrix, start, n, k, half);
+        }
+        Self { k, nodes, steps, factors: matrix.lu() }
+    }
+
+    /// Solves for the incident pressure `p_inc(x)` in the plane of the screen.
+    pub fn solve(&self, p_inc: impl Fn(f64) -> Complex64) -> Solution<'_> {
+        let right = DVector::from_iterator(self.nodes.len(), self.nodes.iter().map(|&x| p_inc(x)));
+        // The matrix is that of a uniquely solvable equation; a failed factorisation means empty openings: silence.
+        let mut strengths = self.factors.solve(&right).unwrap_or_else(|| DVector::zeros(self.nodes.len()));
+        for (s, step) in strengths.iter_mut().zip(&self.steps) {
+            *s *= *step;
+        }
+        Solution { aperture: self, strengths }
+    }
+
+    /// Solves for the source of `crossing` in the plane across the edges: unit strength (i/4) H0 for line and point
+    /// sources, unit amplitude for a plane wave.
+    pub fn solve_for(&self, incident: &Incident) -> Solution<'_> {
+        match *incident {
+            Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
+                self.solve(|x| 0.5 * HALF_I * hankel0(self.k * (x - x_m).hypot(z_m)))
+            }
+            Incident::Plane { s_x, s_y } => {
+                let k_x = self.k * s_x / (1.0 - s_y * s_y).sqrt();
+                self.solve(|x| Complex64::from_polar(1.0, k_x * x))
+            }
+        }
+    }
+
+    /// |p/p_free|^2 of `crossing` at this wave number, `solution` being that of its source; p_free is the field
+    /// with the screen taken away.
+    pub fn transfer(&self, solution: &Solution<'_>, crossing: &Crossing) -> f64 {
+        let p = solution.pressure(crossing.x_m, crossing.z_m);
+        let free = match crossing.incident {
+            Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
+                0.25 * hankel0(self.k * (crossing.x_m - x_m).hypot(crossing.z_m + z_m)).norm()
+            }
+            Incident::Plane { .. } => 1.0,
+        };
+        (p.norm() / free).powi(2)
+    }
+}
+
+/// Replaces the naive quadrature of an opening's own block by the one that is exact for its logarithm.
+fn add_logarithm(matrix: &mut DMatrix<Complex64>, start: usize, n: usize, k: f64, half: f64) {
+    let step = PI / n as f64;
+    let tau = |j: usize| (j as f64 + 0.5) * step;
+    // ln|cos tau_i - cos tau_j| = -ln 2 - sum_m (2/m) cos(m tau_i) cos(m tau_j): its quadrature weights divided by the
+    // step, by differences and sums of indices: cos a cos b = [cos(a-b) + cos(a+b)]/2 with (a +- b) = m step * integer.
+    let series: Vec<f64> =
+        (0..2 * n).map(|d| (1..n).map(|m| (m as f64 * d as f64 * step).cos() / m as f64).sum()).collect();
+    for i in 0..n {
+        for j in 0..n {
+            let exact = -LN_2 - series[i.abs_diff(j)] - series[i + j + 1];
+            let (j0, remainder) = if i == j {
+                (1.0, Complex64::new(1.0, FRAC_2_PI * ((0.5 * k * half).ln() + EULER_GAMMA)))
+            } else {
+                let distance = (tau(i).cos() - tau(j).cos()).abs();
+                let j0 = libm::j0(k * half * distance);
+                let naive = matrix[(start + i, start + j)] / (HALF_I * step);
+                (j0, naive - Complex64::new(0.0, FRAC_2_PI * j0 * distance.ln()))
+            };
+            matrix[(start + i, start + j)] = HALF_I * step * (remainder + Complex64::new(0.0, FRAC_2_PI * j0 * exact));
+        }
+    }
+}
+
+impl Solution<'_> {
+    /// Pressure behind the screen at (x, z), z > 0, in m. Accurate for z above a few node distances (half a width /
+    /// number of unknowns).
+    pub fn pressure(&self, x_m: f64, z_m: f64) -> Complex64 {
+        let a = self.aperture;
+        HALF_I
+            * a.nodes
+                .iter()
+                .zip(self.strengths.iter())
+                .map(|(x, s)| hankel0(a.k * (x_m - x).hypot(z_m)) * s)
+                .sum::<Complex64>()
+    }
+
+    /// The far-field amplitude A in m: p -> sqrt(2 pi / (k r)) exp(i (k r - pi/4)) (k/2 pi) A..., normalised so that the
+    /// scattered intensity of a unit plane wave is Lambda |A|^2 / r with A = width * cos for a wide opening's axis.
+    pub fn far_amplitude(&self, sin_o: f64) -> Complex64 {
+        let a = self.aperture;
+        let sum: Complex64 = a
+            .nodes
+            .iter()
+            .zip(self.strengths.iter())
+            .map(|(x, s)| Complex64::from_polar(1.0, -a.k * x * sin_o) * s)
+            .sum();
+        // p = (i/2) sqrt(2/(pi k r)) e^{..} sum: |p|^2 = sum^2 / (2 pi k r) = (Lambda/r) |A|^2 with A = sum/(2 pi).
+        sum / (2.0 * PI)
+    }
+}

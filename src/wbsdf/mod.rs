@@ -1,0 +1,11 @@
+//! The scientific core: how an opening or an edge scatters signed rays. No ray tracing in here.
+
+pub mod aperture;
+pub mod crossing;
+pub mod edge;
+pub mod mask;
+pub mod quadrature;
+pub mod rectangle;
+pub mod scatter;
+pub mod slit;
+pub mod weight;

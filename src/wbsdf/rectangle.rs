@@ -1,0 +1,278 @@
+//! A rectangular opening between two points: the product of its two directions, frequency by frequency.
+//!
+//! In each direction the opening is a slit for the wave number k sin(beta) that the path leaves it, and its
+//! transfer |p/p_free|^2 is that of the slit: signed rays with eq. (5a-c) where it is wide, the exact aperture where it
+//! is narrow. The transfers of a single frequency are sums of sines in f, so a whole grid of frequencies costs one
+//! evaluation of the rays and a rotation a frequency; their product is then averaged over the band. Where the opening is
+//! narrow both ways the product of two slits fails (each of them has the slit's logarithm): there it radiates like the
+//! hole of equal area, with the exact transmission of the circular hole.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec3;
+
+use super::aperture::Aperture;
+use super::crossing::{Crossing, Incident, Spectrum};
+use super::mask::Jambs;
+use super::quadrature::{PHASE_PER_PANEL, panel_nodes};
+use super::slit::gauss_nodes;
+
+/// k times width up to which a side is solved exactly.
+const NARROW_SIDE_KA: f64 = 5.0;
+/// k times width of both sides up to which the opening is a small hole.
+const SMALL_HOLE_KA: f64 = 3.0;
+
+/// How the two sides of a rectangular opening are modelled in a band.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sides {
+    /// Signed rays both ways.
+    WideBoth,
+    /// Exact aperture along x, signed rays along y.
+    NarrowX,
+    /// Signed rays along x, exact aperture along y.
+    NarrowY,
+    /// Hole of equal area.
+    SmallHole,
+    /// Signed rays of the published small-angle form both ways.
+    Paraxial,
+}
+
+impl Sides {
+    /// The model for an opening of `width_m` by `height_m`.
+    pub fn of(width_m: f64, height_m: f64, spectrum: &Spectrum) -> Self {
+        let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
+        let (x, y) = (k * width_m, k * height_m);
+        if x.max(y) < SMALL_HOLE_KA {
+            Self::SmallHole
+        } else if x < NARROW_SIDE_KA && x <= y {
+            Self::NarrowX
+        } else if y < NARROW_SIDE_KA {
+            Self::NarrowY
+        } else {
+            Self::WideBoth
+        }
+    }
+}
+
+/// Intensity at `receiver` of a point source at `source` (1/r^2 in the free field), both in the opening's frame (x and
+/// y along its sides, z the normal, in m, on opposite sides of z = 0), through the opening
+/// x_m by y_m of a rigid thin screen; one value per band, relative to the free field at 1 m.
+pub fn intensity(
+    x_m: [f64; 2],
+    y_m: [f64; 2],
+    source: DVec3,
+    receiver: DVec3,
+    spectrum: &Spectrum,
+    sides: Sides,
+) -> f64 {
+    let (source, receiver) = facing(source, receiver);
+    let free = 1.0 / (receiver - source).length_squared();
+    if sides == Sides::SmallHole {
+        return small_hole(x_m, y_m, source, receiver, spectrum);
+    }
+    // The ray over the point of the opening next to the straight line gives the angles with the edges.
+    let t = source.z / (source.z - receiver.z);
+    let straight = source + (receiver - source) * t;
+    let over = DVec3::new(straight.x.clamp(x_m[0], x_m[1]), straight.y.clamp(y_m[0], y_m[1]), 0.0);
+    let (into, out) = (over - source, receiver - over);
+    let length = into.length() + out.length();
+    let sin_to_y = (into.x.hypot(into.z) + out.x.hypot(out.z)) / length;
+    let sin_to_x = (into.y.hypot(into.z) + out.y.hypot(out.z)) / length;
+    let across =
+        |s: f64, r: f64| Crossing { incident: Incident::Line { x_m: s, z_m: -source.z }, x_m: r, z_m: receiver.z };
+    let x = Side { limits: x_m, crossing: across(source.x, receiver.x), sin_beta: sin_to_y };
+    let y = Side { limits: y_m, crossing: across(source.y, receiver.y), sin_beta: sin_to_x };
+    let jambs = if sides == Sides::Paraxial { Jambs::Paraxial } else { Jambs::Rigid };
+    let width = spectrum.high_k() - spectrum.low_k();
+    // |p|^2 varies over the band like cos(k d), d the detours between the jambs.
+    let phase = width * (x.detour_m() + y.detour_m());
+    let mean = match sides {
+        Sides::NarrowX | Sides::NarrowY => {
+            let (narrow, wide) = if sides == Sides::NarrowX { (&x, &y) } else { (&y, &x) };
+            let count = if width > 0.0 { 4 + (0.4 * phase).ceil() as usize } else { 1 };
+            let samples = wide.samples(spectrum, jambs);
+            gauss_nodes(spectrum.low_k(), spectrum.high_k(), count)
+                .map(|(k, weight)| weight * narrow.exact(k) * samples.at(k))
+                .sum::<f64>()
+        }
+        _ => {
+            let count = if width > 0.0 { 8 + (phase / PI * 1.5).ceil() as usize } else { 1 };
+            let grid = Grid::midpoints(spectrum, count);
+            let along_x = x.samples(spectrum, jambs).on(&grid);
+            let along_y = y.samples(spectrum, jambs).on(&grid);
+            along_x.iter().zip(&along_y).map(|(a, b)| a * b).sum::<f64>() / count as f64
+        }
+    };
+    mean * free
+}
+
+/// Puts the source before the plane (z < 0) and the receiver behind it.
+fn facing(source: DVec3, receiver: DVec3) -> (DVec3, DVec3) {
+    let turn = |p: DVec3| DVec3::new(p.x, p.y, -p.z);
+    if source.z > receiver.z { (turn(source), turn(receiver)) } else { (source, receiver) }
+}
+
+/// Transmission coefficient of a circular hole in a thin rigid screen at normal incidence, `ka` = k times radius:
+/// exact values (Bouwkamp 1954; rounded to 1e-6), interpolated.
+pub fn hole_transmission(ka: f64) -> f64 {
+    const TABLE: [(f64, f64); 8] = [
+        (0.0, 0.810_569),
+        (0.01, 0.810_573),
+        (0.5, 0.818_464),
+        (1.0, 0.841_502),
+        (2.0, 0.917_343),
+        (3.0, 0.976_083),
+        (5.0, 0.987_723),
+        (10.0, 0.997_927),
+    ];
+    let after = TABLE.partition_point(|row| row.0 <= ka);
+    if after == TABLE.len() {
+        return 1.0;
+    }
+    let (low, high) = (TABLE[after - 1], TABLE[after]);
+    low.1 + (high.1 - low.1) * (ka - low.0) / (high.0 - low.0)
+}
+
+/// Transmission coefficient of a rectangular hole smaller than the wavelength, `k` in 1/m: that of the circular hole of
+/// equal area times the square of the ratio of their conductivities, sqrt(p/q) AGM(1, q/p) for an ellipse with
+/// semi-axes p >= q (Rayleigh 1897).
+pub fn small_hole_transmission(width_m: f64, height_m: f64, k: f64) -> f64 {
+    let ratio = width_m.min(height_m) / width_m.max(height_m);
+    let (mut a, mut g) = (1.0, ratio);
+    for _ in 0..8 {
+        (a, g) = (0.5 * (a + g), f64::sqrt(a * g));
+    }
+    hole_transmission(k * (width_m * height_m / PI).sqrt()) * a * a / ratio
+}
+
+/// A hole much smaller than the wavelength: a monopole on the far side, whatever the incidence.
+fn small_hole(x_m: [f64; 2], y_m: [f64; 2], source: DVec3, receiver: DVec3, spectrum: &Spectrum) -> f64 {
+    let area = (x_m[1] - x_m[0]) * (y_m[1] - y_m[0]);
+    let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
+    let centre = DVec3::new(0.5 * (x_m[0] + x_m[1]), 0.5 * (y_m[0] + y_m[1]), 0.0);
+    let transmission = small_hole_transmission(x_m[1] - x_m[0], y_m[1] - y_m[0], k);
+    transmission * area / TAU / ((centre - source).length_squared() * (receiver - centre).length_squared())
+}
+
+/// One direction of the opening.
+struct Side {
+    limits: [f64; 2],
+    crossing: Crossing,
+    sin_beta: f64,
+}
+
+/// Wave numbers in 1/m at the midpoints of equal parts of a band.
+struct Grid {
+    first_k: f64,
+    step_k: f64,
+    count: usize,
+}
+
+impl Grid {
+    fn midpoints(spectrum: &Spectrum, count: usize) -> Self {
+        let step_k = (spectrum.high_k() - spectrum.low_k()) / count as f64;
+        Self { first_k: spectrum.low_k() + 0.5 * step_k, step_k, count }
+    }
+}
+
+/// The transfer |p/p_free|^2 of a side as a sum of sines (rays) and cosines (jambs) of k.
+struct Samples {
+    /// (delay in m, amplitude): amplitude * sin(k * delay).
+    sines: Vec<(f64, f64)>,
+    /// Jamb and middle rays: amplitude/k, amplitude * cos(k * delay)/k.
+    constant: f64,
+    cosine: (f64, f64),
+}
+
+impl Side {
+    fn detour_m(&self) -> f64 {
+        (self.crossing.length_m(self.limits[1]) - self.crossing.length_m(self.limits[0])).abs()
+            + 0.25 * (self.limits[1] - self.limits[0])
+    }
+
+    /// |p/p_free|^2 by the integral equation at wave number `k`.
+    fn exact(&self, k: f64) -> f64 {
+        let aperture = Aperture::new(&[self.limits], k * self.sin_beta);
+        aperture.transfer(&aperture.solve_for(&self.crossing.incident), &self.crossing)
+    }
+
+    /// The signed rays of the closed form as amplitudes of sin(k delay).
+    fn samples(&self, spectrum: &Spectrum, jambs: Jambs) -> Samples {
+        let [a, b] = self.limits;
+        let middle = 0.5 * (a + b);
+        let straight = self.crossing.straight_x_m();
+        let mut cuts = vec![a, middle, b];
+        if straight > a && straight < b {
+            cuts.push(straight);
+        }
+        cuts.sort_by(f64::total_cmp);
+        let rigid = jambs == Jambs::Rigid;
+        let scale = 1.0 / self.crossing.free_intensity();
+        let k = spectrum.high_k() * self.sin_beta;
+        let separation = |x: f64| if x < middle { 2.0 * (x - a) } else { 2.0 * (b - x) };
+        let mut sines = Vec::new();
+        for cut in cuts.windows(2) {
+            let phase = |x: f64| k * separation(x) * self.crossing.ray(x).delta();
+            let quarter = |i: f64| phase(cut[0] + 0.25 * i * (cut[1] - cut[0]));
+            let total: f64 = (0..4).map(|i| (quarter(i as f64 + 1.0) - quarter(i as f64)).abs()).sum();
+            let panels = 1 + (total / PHASE_PER_PANEL) as usize;
+            let width = (cut[1] - cut[0]) / panels as f64;
+            for panel in 0..panels {
+                let start = cut[0] + panel as f64 * width;
+                for (x, weight) in panel_nodes(start, start + width) {
+                    let ray = self.crossing.ray(x);
+                    let delta = match ray.delta() {
+                        d if d.abs() < 1e-9 => 1e-9,
+                        d => d,
+                    };
+                    let h = separation(x);
+                    let mut amplitude = 1.0 / (PI * delta);
+                    if rigid {
+                        let side = if x < middle { -1.0 } else { 1.0 };
+                        amplitude = amplitude * ray.cos_sigma().powi(2) + side / PI;
+                    }
+                    sines.push((h * delta * self.sin_beta, amplitude * ray.spread * weight * scale));
+                }
+            }
+        }
+        let (mut constant, mut cosine) = (0.0, (0.0, 0.0));
+        if rigid {
+            let strength = |x: f64| {
+                let ray = self.crossing.ray(x);
+                ray.spread.sqrt() / (4.0 * PI * ray.cos_sigma().max(1e-9)) * (scale * TAU / self.sin_beta).sqrt()
+            };
+            let (low, high) = (strength(a), strength(b));
+            let detour = (self.crossing.length_m(b) - self.crossing.length_m(a)) * self.sin_beta;
+            constant = low * low + high * high;
+            cosine = (detour, 2.0 * low * high);
+        }
+        Samples { sines, constant, cosine }
+    }
+}
+
+impl Samples {
+    /// The transfer at one wave number.
+    fn at(&self, k: f64) -> f64 {
+        self.sines.iter().map(|(delay, amplitude)| amplitude * (k * delay).sin()).sum::<f64>()
+            + (self.constant + self.cosine.1 * (k * self.cosine.0).cos()) / k
+    }
+
+    /// The transfer on a grid of frequencies, by rotation.
+    fn on(&self, grid: &Grid) -> Vec<f64> {
+        let mut transfer = vec![0.0; grid.count];
+        for &(delay, amplitude) in &self.sines {
+            let (mut sin, mut cos) = (grid.first_k * delay).sin_cos();
+            let (turn_sin, turn_cos) = (grid.step_k * delay).sin_cos();
+            for value in &mut transfer {
+                *value += amplitude * sin;
+                (sin, cos) = (sin * turn_cos + cos * turn_sin, cos * turn_cos - sin * turn_sin);
+            }
+        }
+        for (i, value) in transfer.iter_mut().enumerate() {
+            let k = grid.first_k + i as f64 * grid.step_k;
+            *value += (self.constant + self.cosine.1 * (k * self.cosine.0).cos()) / k;
+        }
+        transfer
+    }
+}
