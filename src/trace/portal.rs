@@ -13,6 +13,7 @@ use glam::DVec3;
 
 use crate::geometry::{Geometry, Portal, Skip};
 use crate::scene::{BoxRoom, Frame, Host, Scene};
+use crate::wbsdf::scatter::PortalScatter;
 
 /// What a portal does to a ray: the interface to the wave model.
 ///
@@ -28,6 +29,20 @@ pub trait Crossing: Sync {
 
     /// Solid angle of the lobe in band `band` in sr: small = peaked.
     fn lobe_sr(&self, band: usize) -> f64;
+}
+
+impl Crossing for PortalScatter {
+    fn sample(&self, x_m: f64, y_m: f64, s_i: DVec3, u: [f64; 3], weights: &mut [f32]) -> Option<DVec3> {
+        self.sample(x_m, y_m, s_i, u, weights)
+    }
+
+    fn density(&self, x_m: f64, y_m: f64, s_i: DVec3, s_o: DVec3, out: &mut [f64]) {
+        self.density(x_m, y_m, s_i, s_o, out);
+    }
+
+    fn lobe_sr(&self, band: usize) -> f64 {
+        self.lobe_sr(band)
+    }
 }
 
 /// Sides of a portal up to this width in m are widened to it by the capture region.
