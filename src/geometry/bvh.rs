@@ -82,6 +82,20 @@ impl FacetTree {
             None => f32::INFINITY,
         });
     }
+
+    /// Calls `visit(index)` for every facet whose box reaches into the box between `low` and `high` (m).
+    pub(crate) fn overlapping(&self, low: DVec3, high: DVec3, mut visit: impl FnMut(usize)) {
+        let Some(tree) = &self.tree else {
+            (0..self.facets.len()).for_each(visit);
+            return;
+        };
+        let range = Aabb::new(low.as_vec3a(), high.as_vec3a());
+        tree.aabb_traverse(range, |tree, node| {
+            let node = &tree.nodes[node as usize];
+            (node.first_index..node.first_index + node.prim_count).for_each(|i| visit(i as usize));
+            true
+        });
+    }
 }
 
 fn build(shapes: &[FacetShape], reach_m: f64) -> Bvh2 {

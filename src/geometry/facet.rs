@@ -55,6 +55,12 @@ impl FacetShape {
         [self.corner, self.corner + self.side_u, self.corner + self.side_v, self.corner + far].into_iter()
     }
 
+    /// The corners in order round the facet, in m, relative to the scene's centre.
+    pub(crate) fn ring(&self) -> Vec<DVec3> {
+        let (a, b, c) = (self.corner, self.corner + self.side_u, self.corner + self.side_v);
+        if self.parallelogram { vec![a, b, b + self.side_v, c] } else { vec![a, b, c] }
+    }
+
     /// Distance in m from a point (relative to the scene's centre) to the nearest point of the facet.
     pub(crate) fn distance(&self, p: DVec3) -> f64 {
         let q = p - self.corner;

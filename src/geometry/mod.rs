@@ -8,20 +8,27 @@
 
 mod bvh;
 mod cut;
+mod edges;
 mod facet;
 mod patches;
 mod planes;
 mod query;
+mod region;
 mod screen;
+mod sheets;
 mod surfaces;
+mod walk;
+
+use std::ops::Range;
 
 use glam::DVec3;
 
 use crate::error::Result;
-use crate::scene::{Frame, MaterialId, Scene};
+use crate::scene::{Edges, Frame, MaterialId, Scene, Transport};
 use bvh::FacetTree;
 use screen::Screen;
 
+pub use edges::Edge;
 pub use planes::Plane;
 pub use surfaces::face_frame;
 
@@ -115,6 +122,8 @@ pub struct Geometry {
     pub surfaces: Vec<Surface>,
     /// Open parts of openings; empty without diffraction (openings are then plain holes).
     pub portals: Vec<Portal>,
+    /// Edges that diffract, openings' own edges not counted; empty unless `edges = "auto"`.
+    pub edges: Vec<Edge>,
     /// Point near the middle of the geometry in m; internal coordinates are relative to it.
     pub centre_m: DVec3,
     /// Largest distance of a corner from the centre in m.
@@ -122,6 +131,7 @@ pub struct Geometry {
     planes: Vec<Plane>,
     tree: FacetTree,
     screens: Vec<Screen>,
+    of_mesh: Range<usize>,
     tolerance_m: f64,
 }
 
@@ -140,16 +150,22 @@ impl Geometry {
         let largest = extent_m.max((extent_m + centre_m.abs().max_element()) * f64::from(centre_m != DVec3::ZERO));
         let margin_m = ROUNDING * largest.max(1.0) + 2.0 * unevenness(scene);
         let parts = surfaces::Builder::new(scene, centre_m, extent_m, FLUSH * extent_m).build()?;
-        Ok(Self {
+        let mut geometry = Self {
             tree: FacetTree::new(parts.shapes, margin_m),
             surfaces: parts.surfaces,
             portals: parts.portals,
+            edges: Vec::new(),
             centre_m,
             extent_m,
             planes: parts.book.planes,
             screens: parts.screens,
+            of_mesh: parts.of_mesh,
             tolerance_m: margin_m,
-        })
+        };
+        if scene.simulation.edges == Edges::Auto && scene.simulation.transport != Transport::Geometric {
+            geometry.edges = edges::find(scene, &geometry, &parts.sheets);
+        }
+        Ok(geometry)
     }
 
     /// The distinct planes, each with its surfaces; indexed by plane id.

@@ -7,37 +7,33 @@ use glam::DVec3;
 use super::planes::PlaneBook;
 use crate::scene::{MaterialId, Mesh};
 
-/// A mesh whose coinciding corners are one vertex.
+/// Which polygons share a side, corners that coincide being one vertex.
 pub(crate) struct Topology {
-    /// Vertex indices of each triangle.
-    pub(crate) triangles: Vec<[usize; 3]>,
-    /// The triangles (with multiplicity) at each undirected edge, lower vertex first.
-    pub(crate) edges: HashMap<(usize, usize), Vec<usize>>,
+    /// The polygons (with multiplicity) at each undirected side, lower vertex first.
+    pub(crate) sides: HashMap<(usize, usize), Vec<usize>>,
+    /// Vertex indices of each polygon.
+    pub(crate) rings: Vec<Vec<usize>>,
 }
 
 impl Topology {
     /// Joins corners that agree after rounding to `weld_m`.
-    pub(crate) fn new(triangles_m: &[[DVec3; 3]], weld_m: f64) -> Self {
+    pub(crate) fn new<'a>(polygons: impl Iterator<Item = &'a [DVec3]>, weld_m: f64) -> Self {
         let mut index: HashMap<[i64; 3], usize> = HashMap::new();
-        let triangles: Vec<[usize; 3]> = triangles_m
-            .iter()
-            .map(|t| {
-                t.map(|p| {
-                    let next = index.len();
-                    *index.entry((p / weld_m).to_array().map(|v| v.round() as i64)).or_insert(next)
-                })
-            })
-            .collect();
-        let mut edges: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
-        for (i, t) in triangles.iter().enumerate() {
-            for k in 0..3 {
-                let (a, b) = (t[k], t[(k + 1) % 3]);
+        let mut vertex = |p: &DVec3| {
+            let next = index.len();
+            *index.entry((*p / weld_m).to_array().map(|v| v.round() as i64)).or_insert(next)
+        };
+        let rings: Vec<Vec<usize>> = polygons.map(|p| p.iter().map(&mut vertex).collect()).collect();
+        let mut sides: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
+        for (i, ring) in rings.iter().enumerate() {
+            for (k, &a) in ring.iter().enumerate() {
+                let b = ring[(k + 1) % ring.len()];
                 if a != b {
-                    edges.entry((a.min(b), a.max(b))).or_default().push(i);
+                    sides.entry((a.min(b), a.max(b))).or_default().push(i);
                 }
             }
         }
-        Self { triangles, edges }
+        Self { sides, rings }
     }
 }
 
@@ -58,7 +54,7 @@ pub(crate) fn triangle_normal(t: &[DVec3; 3]) -> DVec3 {
 
 /// Merges the triangles of `mesh`; triangles without area are left out. Ordered by their first triangle.
 pub(crate) fn patches(mesh: &Mesh, book: &mut PlaneBook, weld_m: f64) -> Vec<Patch> {
-    let topology = Topology::new(&mesh.triangles_m, weld_m);
+    let topology = Topology::new(mesh.triangles_m.iter().map(|t| t.as_slice()), weld_m);
     let planes: Vec<Option<usize>> = mesh
         .triangles_m
         .iter()
@@ -68,7 +64,7 @@ pub(crate) fn patches(mesh: &Mesh, book: &mut PlaneBook, weld_m: f64) -> Vec<Pat
         })
         .collect();
     let mut parent: Vec<usize> = (0..planes.len()).collect();
-    for sharing in topology.edges.values() {
+    for sharing in topology.sides.values() {
         for (a, b) in sharing.iter().enumerate().flat_map(|(i, &a)| sharing[i + 1..].iter().map(move |&b| (a, b))) {
             if planes[a].is_some() && planes[a] == planes[b] && mesh.materials[a] == mesh.materials[b] {
                 let (ra, rb) = (root(&mut parent, a), root(&mut parent, b));

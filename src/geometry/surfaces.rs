@@ -1,5 +1,7 @@
 //! From the scene's boxes, walls, meshes and openings to surfaces, portals and the facets that rays meet.
 
+use std::ops::Range;
+
 use glam::{DVec2, DVec3};
 
 use super::cut::{self, Piece};
@@ -7,6 +9,7 @@ use super::facet::{FacetShape, PORTAL_BIT};
 use super::patches::{patches, triangle_normal};
 use super::planes::PlaneBook;
 use super::screen::{Region, Screen};
+use super::sheets::Sheet;
 use super::{Portal, Surface};
 use crate::error::Result;
 use crate::scene::{BoxRoom, Edges, Face, Frame, Host, Mesh, Opening, Scene, Transport, Wall};
@@ -18,6 +21,9 @@ pub(crate) struct Parts {
     pub(crate) shapes: Vec<FacetShape>,
     pub(crate) screens: Vec<Screen>,
     pub(crate) book: PlaneBook,
+    pub(crate) sheets: Vec<Sheet>,
+    /// Indices of the surfaces that come from meshes.
+    pub(crate) of_mesh: Range<usize>,
 }
 
 /// Local frame of a box face: the normal points into the box, local y up on the side faces (towards y on the floor), origin at
@@ -86,6 +92,8 @@ pub(crate) struct Builder<'a> {
     tolerance_m: f64,
     book: PlaneBook,
     drafts: Vec<Draft>,
+    sheets: Vec<Sheet>,
+    of_mesh: Range<usize>,
     groups: usize,
     box_hosts: Vec<Vec<HostPlanes>>,
     wall_hosts: Vec<HostPlanes>,
@@ -101,6 +109,8 @@ impl<'a> Builder<'a> {
             tolerance_m,
             book: PlaneBook::new(centre, extent_m),
             drafts: Vec::new(),
+            sheets: Vec::new(),
+            of_mesh: 0..0,
             groups: 0,
             box_hosts: Vec::new(),
             wall_hosts: Vec::new(),
@@ -117,9 +127,11 @@ impl<'a> Builder<'a> {
         for wall in &scene.walls {
             self.add_wall(wall, &mut covers)?;
         }
+        let first = self.drafts.len();
         for mesh in &scene.meshes {
             self.add_mesh(mesh);
         }
+        self.of_mesh = first..self.drafts.len();
         for i in covers {
             self.replace_box_faces(i, box_faces);
         }
@@ -146,6 +158,7 @@ impl<'a> Builder<'a> {
                 let name = format!("{}.{}", room.name, face_name(face));
                 let surface = Surface { frame, material, plane, group, area_m2: w * h, name, one_sided: true };
                 let shape = Shape::Pieces(vec![cut::rectangle([0.0, w], [0.0, h])]);
+                self.sheets.push(Sheet::box_face(&surface, &corners, self.centre));
                 self.drafts.push(Draft { surface, shape });
             }
         }
@@ -180,6 +193,10 @@ impl<'a> Builder<'a> {
             };
             let (material, name, one_sided) = (wall.material, wall.name.clone(), half > 0.0);
             let surface = Surface { frame, material, plane, group, area_m2, name, one_sided };
+            self.sheets.push(match &shape {
+                Shape::Pieces(pieces) => Sheet::wall(&surface, &world, pieces, self.centre),
+                _ => Sheet::unbounded(&surface, self.centre),
+            });
             covers.push(self.drafts.len());
             self.drafts.push(Draft { surface, shape });
         }
@@ -207,7 +224,9 @@ impl<'a> Builder<'a> {
             let name = format!("{} rim {}", wall.name, i + 1);
             let (material, area_m2) = (wall.material, length * t);
             let surface = Surface { frame, material, plane, group, area_m2, name, one_sided: true };
-            self.drafts.push(Draft { surface, shape: Shape::Pieces(vec![cut::rectangle([0.0, length], [0.0, t])]) });
+            let pieces = vec![cut::rectangle([0.0, length], [0.0, t])];
+            self.sheets.push(Sheet::wall(&surface, &ends, &pieces, self.centre));
+            self.drafts.push(Draft { surface, shape: Shape::Pieces(pieces) });
         }
     }
 
@@ -269,6 +288,9 @@ impl<'a> Builder<'a> {
             return;
         }
         let planes: Vec<usize> = self.host(opening.host).faces.iter().map(|f| f.0).collect();
+        for sheet in self.sheets.iter_mut().filter(|s| planes.contains(&s.plane)) {
+            sheet.holes.push(rectangle.iter().map(|c| opening.frame.point(c.x, c.y) - self.centre).collect());
+        }
         for draft in self.drafts.iter_mut().filter(|d| planes.contains(&d.surface.plane)) {
             cut_draft(draft, &opening.frame, &rectangle, self.tolerance_m);
         }
@@ -343,7 +365,7 @@ impl<'a> Builder<'a> {
         for (i, surface) in surfaces.iter().enumerate() {
             self.book.planes[surface.plane].surfaces.push(i);
         }
-        Ok(Parts { surfaces, portals, shapes, screens, book: self.book })
+        Ok(Parts { surfaces, portals, shapes, screens, book: self.book, sheets: self.sheets, of_mesh: self.of_mesh })
     }
 }
 
