@@ -154,7 +154,8 @@ fn one_source(
             remedy: "the axis of a directivity is called direction".to_owned(),
         });
     }
-    if !matches!(word, Kind::Point) && !(matter.boxes.is_empty() && matter.meshes.is_empty()) {
+    let dry = matter.boxes.is_empty() && matter.meshes.is_empty();
+    if !(dry || matches!(word, Kind::Point)) {
         return Err(at.error(
             place(),
             format!("source `{name}` is a line or plane source, which needs a scene without boxes and meshes"),
