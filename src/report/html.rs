@@ -112,15 +112,12 @@ fn facts(out: &mut String, run: &Run) {
         _ => "none".to_owned(),
     };
     let rays = if run.rays == 0 { "none traced".to_owned() } else { notation::grouped(run.rays) };
-    let mut rows = vec![
+    let rows = [
         ("Bands", bands),
-        ("Rays", rays),
+        ("Rays", format!("{rays}<br><small>{}</small>", escaped(&run.stop))),
         ("Time", format!("{}<br><small>{}</small>", notation::duration(total_s), phases.join(", "))),
         ("Seed", run.simulation.seed.to_string()),
     ];
-    if !run.stop.is_empty() {
-        rows.insert(2, ("Stopped because", escaped(&run.stop)));
-    }
     put!(out, "<dl class=\"facts\">");
     for (term, value) in rows {
         put!(out, "<div><dt>{term}</dt><dd>{value}</dd></div>");
