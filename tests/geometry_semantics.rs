@@ -116,6 +116,36 @@ fn a_thick_wall_is_met_on_both_faces_and_its_group_counts_once() {
 }
 
 #[test]
+fn a_ray_that_crosses_a_thick_wall_s_portal_downwards_meets_the_sill_and_then_the_other_room() {
+    // two boxes, facing sides open, a thick wall between them: below its door there is nothing but the sill
+    let mut scene = empty();
+    scene.boxes.push(room("left", v(0.0, 0.0, 0.0), v(3.9, 5.0, 3.0)));
+    scene.boxes.push(room("right", v(4.1, 0.0, 0.0), v(8.0, 5.0, 3.0)));
+    scene.boxes[0].faces[diffray::scene::Face::XMax as usize] = None;
+    scene.boxes[1].faces[diffray::scene::Face::XMin as usize] = None;
+    let mut partition = upright("partition", [4.0, 0.0], [4.0, 5.0], [0.0, 3.0]);
+    partition.thickness_m = 0.2;
+    scene.walls.push(partition);
+    scene.openings.push(door(&scene, 0, [1.0, 2.2], [0.0, 2.1], 1.2));
+    let one_box = partitioned(0.2, 1.2);
+    for (scene, what) in [(scene, "two boxes"), (one_box, "one box")] {
+        let g = build(&scene);
+        let d = v(1.0, 0.0, -0.1).normalize();
+        let portal = first(&g, v(3.8, 1.6, 0.02), d).expect("the door stands there");
+        assert_eq!(portal.element, Element::Portal(0));
+        let sill = g.closest(portal.point, d, f64::INFINITY, Skip::passed(&portal)).expect("the sill");
+        assert_eq!(name(&g, sill.element), "door reveal", "{what}");
+        assert!(sill.point.z.abs() < EXACT_M && sill.point.x > 3.9 && sill.point.x < 4.1);
+        let up = v(d.x, d.y, -d.z);
+        let beyond = g.closest(sill.point, up, f64::INFINITY, Skip::reflected(&sill)).expect("closed");
+        assert!((beyond.point.x - 8.0).abs() < EXACT_M, "{what}: the portal is crossed once: {beyond:?}");
+        // outside the doorway the rim stays with its wall
+        let rim = g.surfaces.iter().find(|s| s.name == "partition rim 1").expect("it is there");
+        assert!((rim.area_m2 - 0.2 * 3.8).abs() < 1e-12);
+    }
+}
+
+#[test]
 fn segments_are_blocked_strictly_between_their_ends() {
     let g = build(&partitioned(0.0, 0.3));
     let (a, b, on_wall) = (v(1.0, 4.0, 1.0), v(7.0, 4.0, 1.0), v(4.0, 4.0, 1.0));

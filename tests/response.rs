@@ -54,7 +54,13 @@ fn decay(energy: &[f64], t60_s: &[f64], start_s: f64, noise: f64) -> Echogram {
         })
         .collect::<Vec<_>>();
     let longest = energy.iter().map(Vec::len).max().unwrap_or(0);
-    let energy = energy.into_iter().map(|mut e| { e.resize(longest, 0.0); e }).collect::<Vec<_>>();
+    let energy = energy
+        .into_iter()
+        .map(|mut e| {
+            e.resize(longest, 0.0);
+            e
+        })
+        .collect::<Vec<_>>();
     Echogram { bin_s, std_error: vec![0.0; energy.len()], energy }
 }
 
@@ -91,10 +97,7 @@ fn scenes(bands: &[Band]) -> Vec<(&'static str, Reception)> {
         ("floor reflection", reception(bands, vec![path(5.0 / 343.0, flat(5.0)), path(5.6 / 343.0, flat(5.6))], None)),
         ("shadow", reception(bands, vec![path(4.1 / 343.0, shadow(4.1)), path(4.4 / 343.0, shadow(4.4))], None)),
         ("images", reception(bands, images.clone(), None)),
-        (
-            "room",
-            reception(bands, images.clone(), Some(decay(&of(&|hz| 0.2 / (1.0 + hz / 2000.0)), &t60, 0.03, 0.0))),
-        ),
+        ("room", reception(bands, images.clone(), Some(decay(&of(&|hz| 0.2 / (1.0 + hz / 2000.0)), &t60, 0.03, 0.0)))),
         ("noisy room", reception(bands, images, Some(decay(&of(&|_| 0.05), &t60, 0.03, 3.0)))),
         ("reverberation only", reception(bands, vec![], Some(decay(&vec![0.01; n], &t60, 0.02, 0.5)))),
         (
@@ -114,9 +117,8 @@ fn band_energies_equal_the_levels_whatever_interferes() {
         for (name, reception) in scenes(&bands) {
             let response = rendered(&reception, &bands, &OPTIONS);
             let white = worst_db(&band_means(&response.samples, RATE, &bands), &reception);
-            let class_1 = [3, 4].map(|order| {
-                worst_db(&class_1_means(&response.samples, RATE, &bands, order), &reception)
-            });
+            let class_1 =
+                [3, 4].map(|order| worst_db(&class_1_means(&response.samples, RATE, &bands, order), &reception));
             let class_1 = class_1[0].max(class_1[1]);
             println!("{} bands, {name}: white mean {white:.3} dB, class 1 filters {class_1:.3} dB", bands.len());
             for warning in &response.warnings {
@@ -133,11 +135,7 @@ fn free_field_is_a_band_limited_impulse_of_one_over_r_at_r_over_c() {
     let bands = octaves(63.0, 8000.0);
     for r in [0.5, 1.0, 3.43, 5.0, 12.34567, 100.0] {
         let delay = r / 343.0;
-        let response = rendered(
-            &reception(&bands, vec![path(delay, vec![1.0 / (r * r); 8])], None),
-            &bands,
-            &OPTIONS,
-        );
+        let response = rendered(&reception(&bands, vec![path(delay, vec![1.0 / (r * r); 8])], None), &bands, &OPTIONS);
         let arrival = delay * f64::from(RATE);
         for (n, sample) in response.samples.iter().enumerate() {
             let t = std::f64::consts::PI * (n as f64 - arrival);
@@ -169,7 +167,11 @@ fn the_direct_sound_stays_at_its_time() {
             assert!((found as f64 - arrival).abs() <= 1.0, "{name}: {found} {arrival}");
             let before: f64 = response.samples[..arrival as usize - 30].iter().map(|s| f64::from(*s).powi(2)).sum();
             let all: f64 = response.samples.iter().map(|s| f64::from(*s).powi(2)).sum();
-            println!("{} {name}: peak {found} of {arrival:.2}, before {:.1} dB", bands.len(), 10.0 * (before / all).log10());
+            println!(
+                "{} {name}: peak {found} of {arrival:.2}, before {:.1} dB",
+                bands.len(),
+                10.0 * (before / all).log10()
+            );
             assert!(before < 1e-1 * all, "{name}: {before} {all}");
         }
     }

@@ -239,6 +239,7 @@ impl<'a> Finder<'a> {
                 self.geometry.surfaces[element as usize].name.as_str()
             }
         };
+        let (first, second) = if second.ordinal < first.ordinal { (second, first) } else { (first, second) };
         let (a, b) = (name(first), name(second));
         if a == b { format!("{a} edge") } else { format!("{a} / {b}") }
     }

@@ -9,6 +9,7 @@
 mod bvh;
 mod cut;
 mod edges;
+mod enclosure;
 mod facet;
 mod patches;
 mod planes;
@@ -29,6 +30,7 @@ use bvh::FacetTree;
 use screen::Screen;
 
 pub use edges::Edge;
+pub use enclosure::Enclosure;
 pub use planes::Plane;
 pub use surfaces::face_frame;
 
@@ -54,6 +56,9 @@ pub struct Hit {
     pub plane: usize,
     /// Group id: equal for all parts of one wall, one box face or one flat patch of a mesh.
     pub group: usize,
+    /// On a reveal: the group of the wall around it, still to be skipped after a reflection, since the ray is inside the wall's
+    /// opening and has its crossing behind it.
+    pub inside: Option<usize>,
 }
 
 /// A flat piece of the boundary.
@@ -73,6 +78,9 @@ pub struct Surface {
     pub name: String,
     /// Whether sound is only expected on the side of the normal (box faces, faces of thick walls).
     pub one_sided: bool,
+    /// For the strip of a thick wall's border that bounds an opening (the sill of a door that reaches the floor): the
+    /// wall's group. Its normal points into the opening and its own group is not the wall's.
+    pub reveal_of: Option<usize>,
 }
 
 /// The open part of an opening.
@@ -107,7 +115,7 @@ impl Skip {
 
     /// For a ray reflected at `hit`.
     pub fn reflected(hit: &Hit) -> Self {
-        Self { plane: Some(hit.plane), group: None }
+        Self { plane: Some(hit.plane), group: hit.inside }
     }
 
     /// For a ray that passed through the wall or portal at `hit`.

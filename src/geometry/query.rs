@@ -29,12 +29,15 @@ impl Skipped {
     }
 }
 
+/// (seen from behind, not a reveal, element): the lowest wins at equal distance.
+type Rank = (bool, bool, u32);
+
 /// A hit in the making.
 #[derive(Clone, Copy)]
 struct Candidate {
     t: f64,
-    /// Surfaces that face the ray come before those seen from behind, lower indices before higher ones.
-    rank: (bool, u32),
+    /// Surfaces that face the ray come before those seen from behind, reveals before others, lower indices before higher ones.
+    rank: Rank,
     plane: u32,
     group: u32,
 }
@@ -59,7 +62,7 @@ impl Geometry {
             if t <= self.tolerance_m && !(if one_sided { faces } else { t >= 0.0 }) {
                 return false;
             }
-            let rank = (one_sided && !faces, element);
+            let rank = self.rank(element, faces);
             if let Some(b) = best {
                 let same = (t - b.t).abs() <= TIE * (1.0 + b.t);
                 if (same && (rank > b.rank || (rank == b.rank && t >= b.t))) || (!same && t > b.t) {
@@ -132,7 +135,7 @@ impl Geometry {
         let mut found: Vec<Candidate> = Vec::new();
         let mut consider = |t: f64, element: u32, plane: u32, group: u32, faces: bool| {
             if range.contains(&t) && !a.covers(plane, group) && !b.covers(plane, group) {
-                let rank = (self.is_one_sided(element) && !faces, element);
+                let rank = self.rank(element, faces);
                 found.push(Candidate { t, rank, plane, group });
             }
         };
@@ -184,10 +187,22 @@ impl Geometry {
         element & PORTAL_BIT == 0 && self.surfaces[element as usize].one_sided
     }
 
+    #[inline(always)]
+    fn rank(&self, element: u32, faces: bool) -> Rank {
+        if element & PORTAL_BIT != 0 {
+            return (false, true, element);
+        }
+        let surface = &self.surfaces[element as usize];
+        (surface.one_sided && !faces, surface.reveal_of.is_none(), element)
+    }
+
     fn hit(&self, origin: DVec3, direction: DVec3, c: Candidate) -> Hit {
         let t = c.t.max(0.0);
-        let index = (c.rank.1 & !PORTAL_BIT) as usize;
-        let element = if c.rank.1 & PORTAL_BIT == 0 { Element::Surface(index) } else { Element::Portal(index) };
-        Hit { t, point: origin + direction * t, element, plane: c.plane as usize, group: c.group as usize }
+        let index = (c.rank.2 & !PORTAL_BIT) as usize;
+        let (element, inside) = match c.rank.2 & PORTAL_BIT {
+            0 => (Element::Surface(index), self.surfaces[index].reveal_of),
+            _ => (Element::Portal(index), None),
+        };
+        Hit { t, point: origin + direction * t, element, plane: c.plane as usize, group: c.group as usize, inside }
     }
 }

@@ -83,6 +83,8 @@ struct HostPlanes {
     faces: Vec<(usize, f64)>, // plane id, height over the host's frame in m
     thickness_m: f64,
     group: usize,
+    /// A thick wall's rims: draft and length in m.
+    rims: Vec<(usize, f64)>,
 }
 
 pub(crate) struct Builder<'a> {
@@ -153,10 +155,11 @@ impl<'a> Builder<'a> {
             let [w, h] = face_size(room, face);
             let corners = [frame.point(0.0, 0.0), frame.point(w, 0.0), frame.point(w, h), frame.point(0.0, h)];
             let (plane, group) = (self.book.id(frame.normal, &corners), self.group());
-            hosts.push(HostPlanes { faces: vec![(plane, 0.0)], thickness_m: 0.0, group });
+            hosts.push(HostPlanes { faces: vec![(plane, 0.0)], thickness_m: 0.0, group, rims: Vec::new() });
             if let Some(material) = room.faces[face as usize] {
                 let name = format!("{}.{}", room.name, face_name(face));
-                let surface = Surface { frame, material, plane, group, area_m2: w * h, name, one_sided: true };
+                let surface =
+                    Surface { frame, material, plane, group, area_m2: w * h, name, one_sided: true, reveal_of: None };
                 let shape = Shape::Pieces(vec![cut::rectangle([0.0, w], [0.0, h])]);
                 self.sheets.push(Sheet::box_face(&surface, &corners, self.centre));
                 self.drafts.push(Draft { surface, shape });
@@ -192,7 +195,7 @@ impl<'a> Builder<'a> {
                 (Shape::Pieces(pieces), area)
             };
             let (material, name, one_sided) = (wall.material, wall.name.clone(), half > 0.0);
-            let surface = Surface { frame, material, plane, group, area_m2, name, one_sided };
+            let surface = Surface { frame, material, plane, group, area_m2, name, one_sided, reveal_of: None };
             self.sheets.push(match &shape {
                 Shape::Pieces(pieces) => Sheet::wall(&surface, &world, pieces, self.centre),
                 _ => Sheet::unbounded(&surface, self.centre),
@@ -200,15 +203,14 @@ impl<'a> Builder<'a> {
             covers.push(self.drafts.len());
             self.drafts.push(Draft { surface, shape });
         }
-        self.wall_hosts.push(HostPlanes { faces, thickness_m: wall.thickness_m, group });
-        if half > 0.0 && !wall.unbounded {
-            self.add_rims(wall, &corners, group);
-        }
+        let rims = if half > 0.0 && !wall.unbounded { self.add_rims(wall, &corners, group) } else { Vec::new() };
+        self.wall_hosts.push(HostPlanes { faces, thickness_m: wall.thickness_m, group, rims });
         Ok(())
     }
 
     /// The narrow sides of a thick wall, normals pointing out of it.
-    fn add_rims(&mut self, wall: &Wall, corners: &[DVec2], group: usize) {
+    fn add_rims(&mut self, wall: &Wall, corners: &[DVec2], group: usize) -> Vec<(usize, f64)> {
+        let mut rims = Vec::new();
         let mut ring = corners.to_vec();
         if cut::area(&ring) < 0.0 {
             ring.reverse();
@@ -223,11 +225,13 @@ impl<'a> Builder<'a> {
             let plane = self.book.id(frame.normal, &ends);
             let name = format!("{} rim {}", wall.name, i + 1);
             let (material, area_m2) = (wall.material, length * t);
-            let surface = Surface { frame, material, plane, group, area_m2, name, one_sided: true };
+            let surface = Surface { frame, material, plane, group, area_m2, name, one_sided: true, reveal_of: None };
             let pieces = vec![cut::rectangle([0.0, length], [0.0, t])];
             self.sheets.push(Sheet::wall(&surface, &ends, &pieces, self.centre));
+            rims.push((self.drafts.len(), length));
             self.drafts.push(Draft { surface, shape: Shape::Pieces(pieces) });
         }
+        rims
     }
 
     fn add_mesh(&mut self, mesh: &Mesh) {
@@ -247,6 +251,7 @@ impl<'a> Builder<'a> {
                 area_m2: triangles.iter().map(size).sum(),
                 name: name.clone(),
                 one_sided: false,
+                reveal_of: None,
             };
             self.drafts.push(Draft { surface, shape: Shape::Triangles(triangles) });
         }
@@ -294,6 +299,35 @@ impl<'a> Builder<'a> {
         for draft in self.drafts.iter_mut().filter(|d| planes.contains(&d.surface.plane)) {
             cut_draft(draft, &opening.frame, &rectangle, self.tolerance_m);
         }
+        self.add_reveals(opening, &rectangle);
+    }
+
+    /// Where an opening reaches the border of its thick wall, the rim there bounds the opening (the sill of a door): a ray
+    /// that has crossed the portal and skips the wall's group must still meet it, so it gets a group of its own.
+    fn add_reveals(&mut self, opening: &Opening, rectangle: &[DVec2]) {
+        let host = self.host(opening.host);
+        let (rims, t, wall_group) = (host.rims.clone(), host.thickness_m, host.group);
+        for (i, length) in rims {
+            let rim = self.drafts[i].surface.clone();
+            let local = |s: f64| opening.frame.local(rim.frame.point(s, 0.0)).truncate();
+            let Some([from, to]) = cut::clip_segment(local(0.0), local(length), rectangle, self.tolerance_m) else {
+                continue;
+            };
+            let (from, to) = (from * length, to * length);
+            let strip = cut::rectangle([from, to], [0.0, t]);
+            cut_draft(&mut self.drafts[i], &rim.frame, &strip, self.tolerance_m);
+            let f = rim.frame;
+            let frame = Frame { origin_m: f.origin_m + f.y * t, x: f.x, y: -f.y, normal: -f.normal };
+            let surface = Surface {
+                frame,
+                area_m2: (to - from) * t,
+                group: self.group(),
+                name: format!("{} reveal", opening.name),
+                reveal_of: Some(wall_group),
+                ..rim
+            };
+            self.drafts.push(Draft { surface, shape: Shape::Pieces(vec![strip]) });
+        }
     }
 
     fn finish(mut self) -> Result<Parts> {
@@ -338,6 +372,7 @@ impl<'a> Builder<'a> {
                         area_m2: width,
                         name: format!("{} leaf", opening.name),
                         one_sided: height_m != 0.0,
+                        reveal_of: None,
                     });
                     ((surfaces.len() - 1) as u32, leaf.x_m)
                 });

@@ -99,7 +99,10 @@ impl<'a> Meter<'a> {
         }
         let white = (0..self.bands.len()).map(|b| self.white_mean(b, &power));
         let filtered = self.filters.iter().enumerate().flat_map(|(band, orders)| {
-            orders.iter().map(|shares| Mean { band, filtered: true, first_piece: 0, energies: product(shares, &energy) }).collect::<Vec<_>>()
+            orders
+                .iter()
+                .map(|shares| Mean { band, filtered: true, first_piece: 0, energies: product(shares, &energy) })
+                .collect::<Vec<_>>()
         });
         white.chain(filtered).collect()
     }

@@ -31,7 +31,8 @@ pub(super) fn noise(
     planner: &mut RealFftPlanner<f64>,
 ) -> Vec<f64> {
     let end_s = length as f64 / sample_rate_hz - shift_s;
-    let energy: Vec<f64> = curves.iter().map(|c| (c.remaining_in_bins(0.0) - c.remaining_in_bins(end_s)).max(0.0)).collect();
+    let energy: Vec<f64> =
+        curves.iter().map(|c| (c.remaining_in_bins(0.0) - c.remaining_in_bins(end_s)).max(0.0)).collect();
     let mut sum = vec![0.0; length];
     if energy.iter().all(|e| *e <= 0.0) {
         return sum;

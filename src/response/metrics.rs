@@ -109,9 +109,8 @@ fn of_band(reception: &Reception, band: usize, band_hz: f64) -> Metrics {
         let late = decay.energy_from(limit_s);
         (decay.total - late, late)
     };
-    let clarity = |(early, late): (f64, f64)| {
-        (early > 0.0 && late > 1e-14 * decay.total).then(|| 10.0 * (early / late).log10())
-    };
+    let clarity =
+        |(early, late): (f64, f64)| (early > 0.0 && late > 1e-14 * decay.total).then(|| 10.0 * (early / late).log10());
     Metrics {
         band_hz,
         edt,

@@ -171,7 +171,9 @@ pub fn render(
     let shift_s = earliest_shift_s(reception);
     if shift_s > 0.0 {
         warnings.push(Warning {
-            observation: format!("The wave reaches the probe before the source; the response starts {shift_s} s early."),
+            observation: format!(
+                "The wave reaches the probe before the source; the response starts {shift_s} s early."
+            ),
             remedy: "Place a plane wave's source upstream of all probes.".into(),
         });
     }

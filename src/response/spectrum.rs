@@ -42,11 +42,8 @@ pub(super) fn between_hz(points_hz: &[f64], hz: f64) -> Between {
     let above = points_hz.partition_point(|p| *p <= hz);
     let point = above.saturating_sub(1);
     let next = above.min(points_hz.len() - 1);
-    let share = if point == next {
-        0.0
-    } else {
-        (hz / points_hz[point]).ln() / (points_hz[next] / points_hz[point]).ln()
-    };
+    let share =
+        if point == next { 0.0 } else { (hz / points_hz[point]).ln() / (points_hz[next] / points_hz[point]).ln() };
     Between { point, next, share }
 }
 
