@@ -47,14 +47,11 @@ fn blocks(receptions: &[&Reception], with_error: bool, level_db: impl Fn(&Recept
     };
     let names: Vec<String> = receptions.iter().map(|r| pair_name(&r.source, &r.probe)).collect();
     let name_width = names.iter().map(|n| n.chars().count()).max().unwrap_or(0).max(15);
-    let cell_width = receptions
-        .iter()
-        .flat_map(|r| (0..bands).map(move |b| (r, b)))
-        .map(|(r, b)| cell(r, b).chars().count())
-        .max()
-        .unwrap_or(0)
-        .max(8);
-    let in_a_block = (WIDTH.saturating_sub(name_width + 2) / (cell_width + 2)).max(1);
+    let cells = receptions.iter().flat_map(|r| (0..bands).map(move |b| cell(r, b)));
+    let headers = (0..bands).map(|b| notation::band(receptions[0].levels[b].band_hz));
+    let cell_width = cells.chain(headers).map(|text| text.chars().count()).max().unwrap_or(0);
+    let fitting = (WIDTH.saturating_sub(name_width + 2) / (cell_width + 2)).max(1);
+    let in_a_block = bands.div_ceil(bands.div_ceil(fitting).max(1)).max(1);
     let all: Vec<usize> = (0..bands).collect();
     let mut text = String::new();
     for block in all.chunks(in_a_block) {

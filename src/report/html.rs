@@ -6,7 +6,7 @@ use super::ink::Ink;
 use super::notation::{self, escaped};
 use super::series::{Series, rises};
 use super::tables::doubts;
-use super::{Pair, ReferenceCurve, Run, Simulated, Swept, charts, console, record};
+use super::{Pair, ReferenceCurve, Run, Simulated, Swept, charts, console};
 use crate::error::Result;
 use crate::probe::Reception;
 use crate::response::DecayTime;
@@ -82,12 +82,16 @@ fn page(run: &Run, kind: &str, body: &str) -> String {
     if !run.plan_text.is_empty() {
         put!(out, "<h2>What was modelled, and why</h2>\n<pre>{}</pre>", escaped(run.plan_text.trim_end()));
     }
-    put!(out, "<h2>Room file</h2>\n<p class=\"muted\"><code>{}</code>", escaped(&run.room.file.display().to_string()));
-    put!(out, "<br>SHA-256 <code>{}</code></p>", record::sha256(&run.room.text));
-    if !run.room.overrides.is_empty() {
-        put!(out, "<p>Changed on the command line:</p>\n<pre>{}</pre>", escaped(&run.room.overrides.join("\n")));
+    put!(
+        out,
+        "<h2>Room file</h2>\n<p class=\"muted\"><code>{}</code>",
+        escaped(&run.source.file.display().to_string())
+    );
+    put!(out, "<br>SHA-256 <code>{}</code></p>", run.source.sha256);
+    if !run.set.is_empty() {
+        put!(out, "<p>Changed on the command line:</p>\n<pre>{}</pre>", escaped(&run.set.join("\n")));
     }
-    put!(out, "<details>\n<summary>Show the room file</summary>\n<pre>{}</pre>\n</details>", escaped(&run.room.text));
+    put!(out, "<details>\n<summary>Show the room file</summary>\n<pre>{}</pre>\n</details>", escaped(&run.source.text));
     put!(out, "<footer>Levels are relative to the same source's free field at 1 m.");
     put!(out, "Every number is in the CSV files beside this page.</footer>\n</body>\n</html>");
     out
@@ -108,15 +112,12 @@ fn facts(out: &mut String, run: &Run) {
         _ => "none".to_owned(),
     };
     let rays = if run.rays == 0 { "none traced".to_owned() } else { notation::grouped(run.rays) };
-    let mut rows = vec![
+    let rows = [
         ("Bands", bands),
-        ("Rays", rays),
+        ("Rays", format!("{rays}<br><small>{}</small>", escaped(&run.stop))),
         ("Time", format!("{}<br><small>{}</small>", notation::duration(total_s), phases.join(", "))),
         ("Seed", run.simulation.seed.to_string()),
     ];
-    if !run.stop.is_empty() {
-        rows.insert(2, ("Stopped because", escaped(&run.stop)));
-    }
     put!(out, "<dl class=\"facts\">");
     for (term, value) in rows {
         put!(out, "<div><dt>{term}</dt><dd>{value}</dd></div>");
@@ -348,13 +349,17 @@ fn pairs_of(results: &Swept) -> Vec<(&str, &str)> {
 /// One row a pair, one column a band: the largest rise and where it is.
 fn largest_rises_table(out: &mut String, results: &Swept, pairs: &[(&str, &str)]) {
     put!(out, "<div class=\"scroll\"><table>\n<caption>Largest rise in dB, and between which values</caption>");
-    let bands: String =
-        results.run.bands.iter().map(|b| format!("<th>{}</th>", notation::band(b.nominal_hz))).collect();
-    put!(out, "<thead><tr><th class=\"left\">source → probe</th>{bands}</tr></thead>\n<tbody>");
+    let mut bands: Vec<f64> = results.series.iter().map(|s| s.band_hz).collect();
+    bands.sort_by(f64::total_cmp);
+    bands.dedup();
+    let header: String = bands.iter().map(|b| format!("<th>{}</th>", notation::band(*b))).collect();
+    put!(out, "<thead><tr><th class=\"left\">source → probe</th>{header}</tr></thead>\n<tbody>");
     for (source, probe) in pairs {
         put!(out, "<tr><th scope=\"row\">{}</th>", escaped(&pair_name(source, probe)));
-        for s in results.series.iter().filter(|s| s.source == *source && s.probe == *probe) {
-            match console::largest_rise(s).0 {
+        let in_band =
+            |b: &f64| results.series.iter().find(|s| s.source == *source && s.probe == *probe && s.band_hz == *b);
+        for series in bands.iter().map(in_band) {
+            match series.and_then(|s| console::largest_rise(s).0) {
                 Some(r) => {
                     let (from, to) = (notation::trimmed(r.value_high, 4), notation::trimmed(r.value_low, 4));
                     put!(out, "<td>{}<br><small>{from} → {to}</small></td>", decibels(r.rise_db, 2));
