@@ -20,7 +20,7 @@ const FILTER_GOAL_DB: f64 = 0.2;
 /// Orders of the Butterworth band-passes: class 1 is met from 3 on (4 near half the sample rate).
 const FILTER_ORDERS: [i32; 2] = [3, 4];
 /// Pieces per octave into which the spectrum is summed for the fit.
-const PIECES: f64 = 96.0;
+const PIECES: f64 = 64.0;
 /// Distance of the gain's support points in octaves.
 const SUPPORT_OCTAVES: f64 = 0.25;
 /// Weights of white means, of filtered means and of the gain's curvature in the least squares.
@@ -274,8 +274,8 @@ impl Worst {
     }
 }
 
-/// Support points of the gain: the bands' edges and points between them, at most a quarter of an octave (but in narrow
-/// bands half a band) apart.
+/// Support points of the gain: the bands' edges and points between them, about a quarter of an octave (in narrow
+/// bands a third of a band) apart.
 fn support(bands: &[Band]) -> Vec<f64> {
     let mut nodes: Vec<f64> = Vec::new();
     for b in bands {
@@ -310,7 +310,7 @@ fn fit(means: &[Mean], wanted: &[Option<f64>], places: &[Between], ln_gain: &mut
             let gained = here.cost - there.cost;
             *ln_gain = next;
             damping = (0.2 * damping).max(1e-9);
-            let settled = gained < 1e-7 * here.cost + 1e-12;
+            let settled = gained < 1e-4 * here.cost + 1e-9;
             here = there;
             if settled {
                 return;
