@@ -17,7 +17,8 @@ fn row(entry: &LibraryEntry) -> String {
     };
     let source = match entry.source.split(';').next().unwrap_or_default() {
         "Vorländer, Auralization, annex" => "V",
-        "Everest, Master Handbook of Acoustics, appendix" => "E",
+        "Barron, Industrial Noise Control and Acoustics, appendix D" => "B",
+        "general table of building materials and furnishings" => "G",
         other => other,
     };
     let LibraryEntry { name, description, material, .. } = entry;

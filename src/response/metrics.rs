@@ -264,5 +264,5 @@ fn regression(points: &[(f64, f64)]) -> Option<(f64, f64)> {
         tl += (x - t) * (y - l);
         ll += (y - l) * (y - l);
     }
-    (points.len() > 2 && tt > 0.0 && tl < -1e-12 * tt).then(|| (tl / tt, tl / (tt * ll).sqrt()))
+    (points.len() > 2 && tt > 0.0 && tl < -1e-12 * tt).then(|| (tl / tt, (tl / (tt * ll).sqrt()).max(-1.0)))
 }

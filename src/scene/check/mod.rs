@@ -1,5 +1,6 @@
 //! From a typed room file to a checked scene: every mistake with its place, what is allowed, and a hint.
 
+mod clearance;
 mod geometry;
 mod openings;
 mod options;
@@ -44,13 +45,14 @@ pub(super) fn check(
     let boxes = geometry::boxes(&room.boxes, &mut palette, at)?;
     geometry::overlapping_boxes(&boxes, &mut warnings);
     let walls = geometry::walls(&room.walls, &boxes, &mut palette, at)?;
+    geometry::overlapping_walls(&walls, &mut warnings);
     let meshes = geometry::meshes(&room.meshes, surroundings, &mut palette, at, &mut warnings)?;
     let openings = openings::openings(&room.openings, &boxes, &walls, &mut palette, at, &mut warnings)?;
     let materials = palette.into_used();
 
-    let matter = sound::Matter { boxes: &boxes, walls: &walls, meshes: &meshes, openings: &openings };
+    let matter = clearance::Matter { boxes: &boxes, walls: &walls, meshes: &meshes, openings: &openings };
     let sources = sound::sources(&room.sources, &bands, &matter, at, &mut warnings)?;
-    let probes = sound::probes(&room.probes, &sources, &matter, at)?;
+    let probes = sound::probes(&room.probes, &sources, &matter, at, &mut warnings)?;
     sound::outside(&sources, &probes, &matter, &mut warnings);
     let sweep = room.sweep.as_ref().map(|table| options::sweep(table, at)).transpose()?;
 
