@@ -100,7 +100,7 @@ fn simulate(args: &RunArgs) -> Result<()> {
     let Loaded { scene, source, warnings } = loaded;
     let mut run = Run { warnings, ..Run::of(&scene, source, as_typed(&overrides)) };
 
-    let bar = Bar::new(1, args.quiet);
+    let bar = Bar::new(1, &scene.simulation, args.quiet);
     bar.say("planning");
     let start = Instant::now();
     let geometry = Geometry::new(&scene)?;
@@ -190,7 +190,7 @@ fn sweep(args: &RunArgs) -> Result<()> {
     cli::warn(&loaded.warnings);
     let mut run = Run { warnings: loaded.warnings, ..Run::of(&loaded.scene, loaded.source, as_typed(&overrides)) };
 
-    let bar = Bar::new(values.len(), args.quiet);
+    let bar = Bar::new(values.len(), &loaded.scene.simulation, args.quiet);
     bar.say(&format!("{} values of {parameter}", values.len()));
     let finished = AtomicUsize::new(0);
     let done = |count: usize| {

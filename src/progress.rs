@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use diffray::scene::Simulation;
 use diffray::trace::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -11,13 +12,15 @@ const STEPS: u64 = 1000;
 /// Progress of one simulation, or of a sweep over several values.
 pub(crate) struct Bar {
     bar: ProgressBar,
+    limits: Simulation,
 }
 
 impl Bar {
-    /// A bar for this many simulations; hidden if `quiet`.
-    pub(crate) fn new(simulations: usize, quiet: bool) -> Bar {
+    /// A bar for this many simulations within these limits; hidden if `quiet`.
+    pub(crate) fn new(simulations: usize, limits: &Simulation, quiet: bool) -> Bar {
+        let limits = limits.clone();
         if quiet {
-            return Bar { bar: ProgressBar::hidden() };
+            return Bar { bar: ProgressBar::hidden(), limits };
         }
         let bar = ProgressBar::new(simulations as u64 * STEPS);
         // A style is refused only if its template is malformed; then the default one does.
@@ -25,7 +28,7 @@ impl Bar {
             bar.set_style(style);
         }
         bar.enable_steady_tick(Duration::from_millis(200));
-        Bar { bar }
+        Bar { bar, limits }
     }
 
     /// Says what is being done, before rays are traced.
@@ -35,7 +38,7 @@ impl Bar {
 
     /// Simulation number `index` (from 0) has come this far.
     pub(crate) fn traced(&self, index: usize, what: &str, progress: &Progress) {
-        let share = share_done(progress);
+        let share = share_done(progress, &self.limits);
         self.bar.set_position(index as u64 * STEPS + (share * STEPS as f64) as u64);
         let error = match progress.worst_db {
             db if db.is_finite() => format!("largest standard error {db:.2} dB, target {} dB", progress.target_db),
@@ -56,23 +59,46 @@ impl Drop for Bar {
     }
 }
 
-/// Share of the work that is done, 0..=1, if the error goes on falling with the square root of the number of rays.
-fn share_done(progress: &Progress) -> f64 {
-    let share = (progress.target_db / progress.worst_db).powi(2);
-    if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
+/// Share of the work that is done, 0..=1: of the way to the target, if the error goes on falling with the square root of
+/// the number of rays, or of the rays or the time allowed, whichever ends first.
+fn share_done(progress: &Progress, limits: &Simulation) -> f64 {
+    let of_target = (progress.target_db / progress.worst_db).powi(2);
+    let of_rays = progress.rays as f64 / limits.max_rays as f64;
+    let of_time = progress.seconds / limits.max_time_s;
+    [of_target, of_rays, of_time].into_iter().filter(|share| share.is_finite()).fold(0.0, f64::max).min(1.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use diffray::scene::{Edges, Transport};
+
+    const LIMITS: Simulation = Simulation {
+        seed: 1,
+        target_db: 0.5,
+        max_rays: 1_000_000,
+        max_time_s: 100.0,
+        reflection_order: 3,
+        diffraction_order: 2,
+        edges: Edges::Auto,
+        transport: Transport::Wbsdf,
+    };
+
+    fn share(rays: u64, seconds: f64, worst_db: f64) -> f64 {
+        share_done(&Progress { rays, seconds, worst_db, target_db: 0.5 }, &LIMITS)
+    }
 
     #[test]
     fn halving_the_error_is_a_quarter_of_the_way() {
-        let at = |worst_db| share_done(&Progress { rays: 1, seconds: 1.0, worst_db, target_db: 0.5 });
-        assert_eq!(at(f64::INFINITY), 0.0);
-        assert!((at(1.0) - 0.25).abs() < 1e-12);
-        assert_eq!(at(0.4), 1.0);
-        assert_eq!(at(f64::NAN), 0.0);
-        assert_eq!(at(0.0), 0.0);
+        assert_eq!(share(0, 0.0, f64::INFINITY), 0.0);
+        assert!((share(1, 1.0, 1.0) - 0.25).abs() < 1e-12);
+        assert_eq!(share(1, 1.0, 0.4), 1.0);
+    }
+
+    #[test]
+    fn the_limit_that_ends_first_counts() {
+        assert_eq!(share(1, 70.0, 5.0), 0.7);
+        assert_eq!(share(800_000, 70.0, 5.0), 0.8);
+        assert_eq!(share(2, 1.0, f64::NAN), 0.01);
     }
 }

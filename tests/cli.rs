@@ -137,7 +137,7 @@ fn a_mistake_in_the_room_file_is_shown_with_its_place_and_a_hint_on_a_line_of_it
         let output = place.diffray(&[command, "room.toml"]);
         let said = text(&output.stderr);
         assert_eq!(status(&output), 1, "{said}");
-        assert!(said.starts_with("error: room.toml:15:1: ") && said.contains("powr_db"), "{said}");
+        assert!(said.starts_with("error: room.toml:14:1: ") && said.contains("powr_db"), "{said}");
         assert!(said.lines().any(|line| line.starts_with("hint: ")), "{said}");
         assert!(!said.contains('\u{1b}'), "colours only on a terminal");
     }
@@ -206,7 +206,8 @@ fn a_sweep_takes_its_values_from_the_command_line() {
 #[test]
 fn options_end_up_in_the_record() {
     let place = Place::new(FREE_FIELD);
-    let args = ["simulate", "room.toml", "--seed", "42", "--max-rays", "2e6", "--set", "probe.far.position_m=[0, 4, 0]"];
+    let args =
+        ["simulate", "room.toml", "--seed", "42", "--max-rays", "2e6", "--set", "probe.far.position_m=[0, 4, 0]"];
     let output = place.diffray(&args);
     assert_eq!(status(&output), 0, "{}", text(&output.stderr));
     let record: serde_json::Value =
@@ -229,12 +230,8 @@ fn results_that_cannot_be_written_are_an_error_and_leave_nothing() {
 #[test]
 fn a_reader_that_goes_away_is_no_error() {
     let place = Place::new(FREE_FIELD);
-    let mut child = place
-        .command(&["simulate", "room.toml"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child =
+        place.command(&["simulate", "room.toml"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     assert_eq!(status(&output), 0, "{}", text(&output.stderr));

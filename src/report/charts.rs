@@ -316,7 +316,8 @@ fn series_range(points: &[SeriesPoint], references: &[&ReferenceCurve]) -> Optio
 
 /// Whether the chart of [`sweep`] leaves out levels that are too low for its axis.
 pub(super) fn sweep_cuts_levels_off(points: &[SeriesPoint], references: &[&ReferenceCurve]) -> bool {
-    series_range(points, references).is_some_and(|y| points.iter().any(|p| p.level.level_db() < y.start))
+    series_range(points, references)
+        .is_some_and(|y| points.iter().any(|p| (f64::MIN..y.start).contains(&p.level.level_db())))
 }
 
 /// Level against the swept value in one band, with the intervals of `rises` shaded and other curves dashed; `None` if

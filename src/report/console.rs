@@ -66,12 +66,17 @@ fn blocks(receptions: &[&Reception], with_error: bool, level_db: impl Fn(&Recept
     text
 }
 
+/// Whether any standard error is large enough to be written beside its level.
+pub(super) fn errors_matter<'a>(receptions: impl Iterator<Item = &'a Reception>) -> bool {
+    let mut errors = receptions.flat_map(|r| &r.levels).map(BandLevel::std_error_db).filter(|e| e.is_finite());
+    errors.any(|e| e >= NEGLIGIBLE_ERROR_DB)
+}
+
 /// The band levels of all pairs with their standard errors, and the sound pressure levels of sources with a power.
 pub fn levels_table(results: &Simulated) -> String {
     let run = &results.run;
     let all: Vec<&Reception> = results.receptions().collect();
-    let mut errors = all.iter().flat_map(|r| &r.levels).map(BandLevel::std_error_db).filter(|e| e.is_finite());
-    let with_error = errors.any(|e| e >= NEGLIGIBLE_ERROR_DB);
+    let with_error = errors_matter(all.iter().copied());
     let spread = if with_error {
         "± standard error".to_owned()
     } else {

@@ -150,12 +150,14 @@ fn levels_tables<'a>(out: &mut String, run: &Run, receptions: impl Iterator<Item
         let bands: String = run.bands.iter().map(|b| format!("<th>{}</th>", notation::band(b.nominal_hz))).collect();
         put!(out, "<thead><tr><th class=\"left\">source → probe</th>{bands}</tr></thead>\n<tbody>");
     };
-    header(out, "Level in dB re the source's free field at 1 m, with standard error");
+    let with_error = console::errors_matter(receptions.clone());
+    let errors = if with_error { "with standard error" } else { "standard errors below 0.005 dB" };
+    header(out, &format!("Level in dB re the source's free field at 1 m, {errors}"));
     for r in receptions.clone() {
         put!(out, "<tr><th scope=\"row\">{}</th>", escaped(&pair_name(&r.source, &r.probe)));
         for level in &r.levels {
             let (db, error) = (level.level_db(), level.std_error_db());
-            let error = if db.is_finite() && error > 0.0 {
+            let error = if with_error && db.is_finite() && error > 0.0 {
                 format!(" <small>±{}</small>", significant(error))
             } else {
                 String::new()
