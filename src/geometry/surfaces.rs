@@ -332,7 +332,9 @@ impl<'a> Builder<'a> {
 
     fn finish(mut self) -> Result<Parts> {
         let scene = self.scene;
-        let with_portals = scene.simulation.transport != Transport::Geometric && scene.simulation.edges != Edges::Off;
+        let with_portals = scene.simulation.transport != Transport::Geometric
+            && scene.simulation.edges != Edges::Off
+            && scene.simulation.diffraction_order > 0;
         let (mut portals, mut shapes, mut screens) = (Vec::new(), Vec::new(), Vec::new());
         for (i, draft) in self.drafts.iter().enumerate() {
             if let Shape::Unbounded = draft.shape {
