@@ -256,12 +256,62 @@ fn an_unbounded_wall_has_no_border_and_its_slit_no_ends() {
 }
 
 #[test]
+fn a_thick_screen_has_its_portal_on_both_faces() {
+    let mut scene = empty();
+    let mut screen = upright("screen", [0.0, 0.0], [0.0, 1.0], [0.0, 1.0]);
+    (screen.unbounded, screen.thickness_m) = (true, 0.3);
+    scene.walls.push(screen);
+    scene.openings.push(hole(&scene, 0, [0.0, 0.5], [f64::NEG_INFINITY, f64::INFINITY]));
+    let g = build(&scene);
+    for (x, d) in [(-2.0, DVec3::X), (2.0, DVec3::NEG_X)] {
+        let portal = first(&g, v(x, 0.2, 9.0), d).expect("slit");
+        assert_eq!(portal.element, Element::Portal(0));
+        assert!((portal.t - 1.85).abs() < EXACT_M);
+        assert!(g.closest(portal.point, d, f64::INFINITY, Skip::passed(&portal)).is_none());
+        assert_eq!(name(&g, first(&g, v(x, 0.7, 9.0), d).expect("screen").element), "screen");
+    }
+}
+
+#[test]
+fn the_element_at_a_point_of_a_plane_is_what_a_ray_meets_there() {
+    let mut touching = partitioned(0.2, 0.3);
+    touching.boxes.push(room("next", v(8.0, 0.0, 0.0), v(12.0, 5.0, 3.0)));
+    let mut screens = empty();
+    let mut screen = upright("screen", [4.0, 0.0], [4.0, 1.0], [0.0, 1.0]);
+    screen.unbounded = true;
+    screens.walls.push(screen);
+    screens.openings.push(door(&screens, 0, [0.5, 2.5], [0.0, 2.0], 1.0));
+    let mut n = Numbers(3);
+    for scene in [touching, screens] {
+        let g = build(&scene);
+        for _ in 0..5_000 {
+            let (origin, d) = (n.within(v(0.1, 0.1, 0.1), v(11.9, 4.9, 2.9)), n.direction());
+            if let Some(hit) = first(&g, origin, d) {
+                assert_eq!(g.element_at(hit.plane, hit.point, d), Some(hit.element), "{origin} {d}");
+            }
+        }
+    }
+    let mut plain = partitioned(0.0, 0.3);
+    plain.simulation.transport = Transport::Geometric;
+    let g = build(&plain);
+    let plane = g.surfaces.iter().find(|s| s.name == "partition").expect("it is there").plane;
+    assert_eq!(g.element_at(plane, v(4.0, 1.1, 1.0), DVec3::X), None, "a plain hole");
+    assert_eq!(g.element_at(plane, v(4.0, 9.0, 1.0), DVec3::X), None, "beyond the wall");
+}
+
+#[test]
 fn crossing_sides_of_a_wall_are_an_error_and_an_empty_scene_is_none() {
     let mut scene = empty();
     let g = build(&scene);
     assert!(first(&g, DVec3::ZERO, DVec3::X).is_none());
     assert!(!g.blocked(DVec3::ZERO, DVec3::X, Skip::NONE, Skip::NONE));
     assert!(g.closest_surface_distance(DVec3::ZERO).is_infinite());
+    for odd in [DVec3::NAN, DVec3::INFINITY, DVec3::ZERO] {
+        let room = build(&partitioned(0.0, 0.3));
+        let _ = room.closest(odd, DVec3::X, f64::INFINITY, Skip::NONE);
+        assert!(room.closest(v(1.0, 1.0, 1.0), odd, f64::INFINITY, Skip::NONE).is_none());
+        assert!(!room.blocked(odd, odd, Skip::NONE, Skip::NONE));
+    }
     scene.walls.push(wall("bow", &[[0.0, 0.0, 0.0], [2.0, 2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]]));
     assert!(Geometry::new(&scene).is_err());
 }

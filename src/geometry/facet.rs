@@ -110,16 +110,20 @@ impl Facet {
     #[inline(always)]
     pub(crate) fn meet(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
         let t = (self.distance - self.normal.dot(origin)) / self.normal.dot(direction);
-        let p = origin + direction * t;
+        // a ray parallel to the plane has t = inf or NaN and fails here
+        self.contains(origin + direction * t).then_some(t)
+    }
+
+    /// Whether the projection of a point (relative to the scene's centre) on the plane lies in the facet, borders included.
+    #[inline(always)]
+    pub(crate) fn contains(&self, p: DVec3) -> bool {
         let u = self.gradient_u.dot(p) + self.offset_u;
         let v = self.gradient_v.dot(p) + self.offset_v;
-        // a ray parallel to the plane has t = inf or NaN and fails here
-        let inside = (u >= -self.margin_u)
+        (u >= -self.margin_u)
             & (v >= -self.margin_v)
             & (u <= 1.0 + self.margin_u)
             & (v <= 1.0 + self.margin_v)
-            & (u + v <= self.limit_sum);
-        inside.then_some(t)
+            & (u + v <= self.limit_sum)
     }
 
     /// Whether the ray runs against the normal.

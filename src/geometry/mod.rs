@@ -146,9 +146,6 @@ pub struct Geometry {
 /// Rounding margin relative to the largest coordinate: thousands of f64 roundings, and far below any acoustic length.
 const ROUNDING: f64 = 1e-12;
 
-/// Relative length within which a corner counts as lying on a cut.
-const FLUSH: f64 = 1e-10;
-
 impl Geometry {
     /// Builds all surfaces, portals and the search tree.
     ///
@@ -157,7 +154,7 @@ impl Geometry {
         let (centre_m, extent_m) = centre_and_extent(scene);
         let largest = extent_m.max((extent_m + centre_m.abs().max_element()) * f64::from(centre_m != DVec3::ZERO));
         let margin_m = ROUNDING * largest.max(1.0) + 2.0 * unevenness(scene);
-        let parts = surfaces::Builder::new(scene, centre_m, extent_m, FLUSH * extent_m).build()?;
+        let parts = surfaces::Builder::new(scene, centre_m, extent_m, 0.5 * margin_m).build()?;
         let mut geometry = Self {
             tree: FacetTree::new(parts.shapes, margin_m),
             surfaces: parts.surfaces,

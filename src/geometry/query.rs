@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::facet::PORTAL_BIT;
+use super::planes::COPLANAR_M;
 use super::{Element, Geometry, Hit, Skip};
 
 /// Two hits nearer than this times (1 + distance in m) are at the same distance.
@@ -175,6 +176,27 @@ impl Geometry {
         facets.chain(self.screens.iter().map(|s| s.distance(p))).fold(f64::INFINITY, f64::min)
     }
 
+    /// The surface or portal of a plane (index in [`Geometry::planes`]) at a point of it (m), for a ray that arrives along
+    /// `direction`; `None` where the plane has a hole or ends. For the mirror points of image sources.
+    pub fn element_at(&self, plane: usize, point: DVec3, direction: DVec3) -> Option<Element> {
+        let p = point - self.centre_m;
+        let mut best: Option<Rank> = None;
+        let mut consider = |rank: Rank| best = Some(best.map_or(rank, |b| b.min(rank)));
+        for screen in self.screens.iter().filter(|s| s.plane == plane) {
+            if let Some(element) = screen.element(p) {
+                consider(self.rank(element, screen.faces(direction)));
+            }
+        }
+        let near = DVec3::splat(COPLANAR_M);
+        self.tree.overlapping(p - near, p + near, |i| {
+            let (facet, shape) = (&self.tree.facets[i], &self.tree.shapes[i]);
+            if shape.plane as usize == plane && facet.contains(p) {
+                consider(self.rank(shape.element, facet.faces(direction)));
+            }
+        });
+        best.map(|(_, _, element)| decode(element))
+    }
+
     /// Unit direction and the open range of distances strictly between two points; `None` if they coincide.
     fn between(&self, from: DVec3, to: DVec3) -> Option<(DVec3, std::ops::Range<f64>)> {
         let length = (to - from).length();
@@ -198,11 +220,16 @@ impl Geometry {
 
     fn hit(&self, origin: DVec3, direction: DVec3, c: Candidate) -> Hit {
         let t = c.t.max(0.0);
-        let index = (c.rank.2 & !PORTAL_BIT) as usize;
-        let (element, inside) = match c.rank.2 & PORTAL_BIT {
-            0 => (Element::Surface(index), self.surfaces[index].reveal_of),
-            _ => (Element::Portal(index), None),
+        let element = decode(c.rank.2);
+        let inside = match element {
+            Element::Surface(i) => self.surfaces[i].reveal_of,
+            Element::Portal(_) => None,
         };
         Hit { t, point: origin + direction * t, element, plane: c.plane as usize, group: c.group as usize, inside }
     }
+}
+
+fn decode(element: u32) -> Element {
+    let index = (element & !PORTAL_BIT) as usize;
+    if element & PORTAL_BIT == 0 { Element::Surface(index) } else { Element::Portal(index) }
 }

@@ -263,7 +263,10 @@ impl<'a> Builder<'a> {
         let Some(wall) = wall.checked_sub(box_faces).and_then(|i| above.get(i)) else { return };
         for face in below.iter_mut().filter(|f| f.surface.plane == wall.surface.plane) {
             match &wall.shape {
-                Shape::Unbounded => face.shape = Shape::Pieces(Vec::new()),
+                Shape::Unbounded => {
+                    face.shape = Shape::Pieces(Vec::new());
+                    face.surface.area_m2 = 0.0;
+                }
                 Shape::Pieces(pieces) => {
                     for piece in pieces {
                         cut_draft(face, &wall.surface.frame, piece, self.tolerance_m);
