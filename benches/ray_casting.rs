@@ -12,14 +12,15 @@ use glam::DVec3;
 
 const RAYS: usize = 10_000;
 
-/// Names and builders: a shoebox, the same as a mesh of 12 triangles, a hall with 8 free walls, a round furniture piece in a hall
-/// (5 k and 82 k triangles).
-const ROOMS: [&str; 5] = ["6 faces", "12 triangles", "6 faces and 24 walls", "5 k triangles", "82 k triangles"];
+/// A shoebox; a box with a thick partition and a door; a shoebox as a mesh; a hall with 24 free walls; a round body in a hall.
+const ROOMS: [&str; 6] =
+    ["6 faces", "box with a door", "12 triangles", "6 faces and 24 walls", "5 k triangles", "82 k triangles"];
 
 fn scene(name: &str) -> Scene {
-    let mut scene = empty();
+    let mut scene = if name == "box with a door" { partitioned(0.1, 0.3) } else { empty() };
     let (low, high) = (v(0.0, 0.0, 0.0), v(30.0, 20.0, 8.0));
     match name {
+        "box with a door" => {}
         "12 triangles" => scene.meshes.push(cuboid(low, high)),
         _ => scene.boxes.push(room("hall", low, high)),
     }
@@ -37,9 +38,10 @@ fn scene(name: &str) -> Scene {
     scene
 }
 
-fn rays() -> Vec<(DVec3, DVec3)> {
+fn rays(name: &str) -> Vec<(DVec3, DVec3)> {
     let mut n = Numbers(1);
-    (0..RAYS).map(|_| (n.within(v(0.1, 0.1, 0.1), v(29.9, 19.9, 7.9)), n.direction())).collect()
+    let far = if name == "box with a door" { v(7.9, 4.9, 2.9) } else { v(29.9, 19.9, 7.9) };
+    (0..RAYS).map(|_| (n.within(v(0.1, 0.1, 0.1), far), n.direction())).collect()
 }
 
 fn geometry(name: &str) -> Geometry {
@@ -48,7 +50,7 @@ fn geometry(name: &str) -> Geometry {
 
 #[divan::bench(args = ROOMS)]
 fn closest(bencher: Bencher, name: &str) {
-    let (g, rays) = (geometry(name), rays());
+    let (g, rays) = (geometry(name), rays(name));
     bencher.counter(ItemsCount::new(RAYS)).bench_local(|| {
         rays.iter()
             .filter_map(|(o, d)| g.closest(black_box(*o), *d, f64::INFINITY, Skip::NONE))
@@ -59,7 +61,7 @@ fn closest(bencher: Bencher, name: &str) {
 
 #[divan::bench(args = ROOMS)]
 fn blocked(bencher: Bencher, name: &str) {
-    let (g, rays) = (geometry(name), rays());
+    let (g, rays) = (geometry(name), rays(name));
     bencher.counter(ItemsCount::new(RAYS)).bench_local(|| {
         rays.windows(2).filter(|w| g.blocked(black_box(w[0].0), w[1].0, Skip::NONE, Skip::NONE)).count()
     });
@@ -67,7 +69,7 @@ fn blocked(bencher: Bencher, name: &str) {
 
 #[divan::bench(args = ROOMS)]
 fn segment(bencher: Bencher, name: &str) {
-    let (g, rays) = (geometry(name), rays());
+    let (g, rays) = (geometry(name), rays(name));
     bencher.counter(ItemsCount::new(RAYS)).bench_local(|| {
         rays.windows(2).map(|w| g.segment(black_box(w[0].0), w[1].0, Skip::NONE, Skip::NONE).len()).sum::<usize>()
     });

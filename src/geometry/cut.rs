@@ -64,23 +64,6 @@ pub(crate) fn convex_pieces(polygon: &[DVec2], name: &str) -> Result<Vec<Piece>>
         .collect())
 }
 
-/// The part of the segment a-b within a convex counter-clockwise polygon, borders included, as fractions of a-b; `None` if it
-/// is no longer than `tolerance_m` (Cyrus and Beck 1978).
-pub(crate) fn clip_segment(a: DVec2, b: DVec2, polygon: &[DVec2], tolerance_m: f64) -> Option<[f64; 2]> {
-    let (mut from, mut to) = (0.0_f64, 1.0_f64);
-    for (i, &p) in polygon.iter().enumerate() {
-        let Some(along) = (polygon[(i + 1) % polygon.len()] - p).try_normalize() else { continue };
-        let (ha, hb) = (along.perp_dot(a - p), along.perp_dot(b - p));
-        match (ha >= -tolerance_m, hb >= -tolerance_m) {
-            (true, true) => {}
-            (true, false) => to = to.min(ha / (ha - hb)),
-            (false, true) => from = from.max(ha / (ha - hb)),
-            (false, false) => return None,
-        }
-    }
-    ((to - from) * (b - a).length() > tolerance_m).then_some([from, to])
-}
-
 /// Cuts the convex counter-clockwise `hole` out of every piece.
 pub(crate) fn subtract(pieces: Vec<Piece>, hole: &[DVec2], tolerance_m: f64) -> Vec<Piece> {
     let mut left = Vec::with_capacity(pieces.len() + 4);

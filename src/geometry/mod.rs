@@ -11,6 +11,7 @@ mod cut;
 mod edges;
 mod enclosure;
 mod facet;
+mod openings;
 mod patches;
 mod planes;
 mod query;
@@ -56,8 +57,8 @@ pub struct Hit {
     pub plane: usize,
     /// Group id: equal for all parts of one wall, one box face or one flat patch of a mesh.
     pub group: usize,
-    /// On a reveal: the group of the wall around it, still to be skipped after a reflection, since the ray is inside the wall's
-    /// opening and has its crossing behind it.
+    /// The group of the thick wall that the ray is passing through, if it meets one of the wall's rims from within: still to
+    /// be skipped after a reflection there, since the wall or portal was counted when the ray went in.
     pub inside: Option<usize>,
 }
 
@@ -78,9 +79,6 @@ pub struct Surface {
     pub name: String,
     /// Whether sound is only expected on the side of the normal (box faces, faces of thick walls).
     pub one_sided: bool,
-    /// For the strip of a thick wall's border that bounds an opening (the sill of a door that reaches the floor): the
-    /// wall's group. Its normal points into the opening and its own group is not the wall's.
-    pub reveal_of: Option<usize>,
 }
 
 /// The open part of an opening.
@@ -146,9 +144,6 @@ pub struct Geometry {
 /// Rounding margin relative to the largest coordinate: thousands of f64 roundings, and far below any acoustic length.
 const ROUNDING: f64 = 1e-12;
 
-/// Relative length within which a corner counts as lying on a cut.
-const FLUSH: f64 = 1e-10;
-
 impl Geometry {
     /// Builds all surfaces, portals and the search tree.
     ///
@@ -157,7 +152,7 @@ impl Geometry {
         let (centre_m, extent_m) = centre_and_extent(scene);
         let largest = extent_m.max((extent_m + centre_m.abs().max_element()) * f64::from(centre_m != DVec3::ZERO));
         let margin_m = ROUNDING * largest.max(1.0) + 2.0 * unevenness(scene);
-        let parts = surfaces::Builder::new(scene, centre_m, extent_m, FLUSH * extent_m).build()?;
+        let parts = surfaces::Builder::new(scene, centre_m, extent_m, 0.5 * margin_m).build()?;
         let mut geometry = Self {
             tree: FacetTree::new(parts.shapes, margin_m),
             surfaces: parts.surfaces,
