@@ -8,7 +8,7 @@ use clap::CommandFactory;
 use diffray::error::{Error, Result, Warning};
 use diffray::geometry::Geometry;
 use diffray::plan::Plan;
-use diffray::report::{self, Folder, Pair, Run, Series, Simulated, SweepValue, Swept};
+use diffray::report::{self, Folder, Pair, ReferenceCurve, Run, Series, Simulated, SweepValue, Swept};
 use diffray::response::{self, RenderOptions};
 use diffray::scene::{Loaded, Override, Room, Scene, Sweep};
 use diffray::simulate::{self, Outcome};
@@ -178,7 +178,7 @@ fn sweep(args: &RunArgs) -> Result<()> {
     let overrides = overrides(&args.room, &others)?;
     let room = Room::read(&args.room.room)?;
     let loaded = room.load(&overrides)?;
-    let Some(Sweep { parameter, values }) = swept.or_else(|| loaded.scene.sweep.clone()) else {
+    let Some(Sweep { parameter, values, .. }) = swept.or_else(|| loaded.scene.sweep.clone()) else {
         return Err(Error::input(
             format!("{}: there is no [sweep] in the file", args.room.room.display()),
             "add one, or give --set opening.door.open_m=0:1.2:0.02",
@@ -187,8 +187,11 @@ fn sweep(args: &RunArgs) -> Result<()> {
     let out = args.out();
     report::check_writable(&out)?;
     use_threads(args.threads)?;
-    cli::warn(&loaded.warnings);
-    let mut run = Run { warnings: loaded.warnings, ..Run::of(&loaded.scene, loaded.source, as_typed(&overrides)) };
+    let (references, left_out) = references(&loaded.scene, &parameter, &overrides);
+    let mut warnings = loaded.warnings;
+    warnings.extend(left_out);
+    cli::warn(&warnings);
+    let mut run = Run { warnings, ..Run::of(&loaded.scene, loaded.source, as_typed(&overrides)) };
 
     let bar = Bar::new(values.len(), &loaded.scene.simulation, args.quiet);
     bar.say(&format!("{} values of {parameter}", values.len()));
@@ -227,9 +230,28 @@ fn sweep(args: &RunArgs) -> Result<()> {
             })
         })
         .collect::<Result<Vec<_>>>()?;
-    let results = Swept { run, parameter, series: Series::collect(&at_each), references: Vec::new() };
+    let results = Swept { run, parameter, series: Series::collect(&at_each), references };
     publish(&out, args.quiet, |folder| results.write(folder))?;
     cli::print(&report::rises_table(&results))
+}
+
+/// The curves of the room file's reference table. It belongs to the room as the file has it: where an option changes
+/// more than how the room is simulated it is left out, with a warning.
+fn references(scene: &Scene, parameter: &str, overrides: &[Override]) -> (Vec<ReferenceCurve>, Option<Warning>) {
+    const HARMLESS: [&str; 5] = ["simulation.", "output.", "sweep.", "bands.from_hz", "bands.to_hz"];
+    let Some(sweep) = scene.sweep.as_ref().filter(|s| s.parameter == parameter) else { return (Vec::new(), None) };
+    let Some(table) = &sweep.reference else { return (Vec::new(), None) };
+    let changes = |o: &&Override| o.path() != parameter && !HARMLESS.iter().any(|path| o.path().starts_with(path));
+    match overrides.iter().find(changes) {
+        None => (ReferenceCurve::collect(table), None),
+        Some(change) => {
+            let warning = Warning {
+                observation: format!("{} is not shown: {} changes the room", table.file.display(), change.label()),
+                remedy: "the reference belongs to the room as the file describes it".to_owned(),
+            };
+            (Vec::new(), Some(warning))
+        }
+    }
 }
 
 /// The warnings of all values; those that differ only in their numbers are told once.

@@ -2,6 +2,7 @@
 
 use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 
+use super::beside::comparisons;
 use super::notation;
 use super::series::{Rise, Series, rises};
 use super::{Simulated, Swept};
@@ -149,5 +150,36 @@ pub fn rises_table(swept: &Swept) -> String {
     }
     text.push_str(&table.trim_fmt());
     text.push('\n');
+    text.push_str(&beside_table(swept));
     text
+}
+
+/// One row a source, probe and band that has a reference curve: both largest rises, and how far the levels are apart.
+/// Empty without reference curves.
+fn beside_table(swept: &Swept) -> String {
+    let all = comparisons(swept);
+    let Some(first) = all.first() else { return String::new() };
+    let act = notation::act_of(&swept.parameter);
+    let unit = notation::unit_of(&swept.parameter);
+    let header = ["source → probe", "band", "largest rise here", "in the reference", "median |difference|", "largest"];
+    let mut table = table(header.map(str::to_owned).into(), 1);
+    let rise = |r: Option<Rise>| r.map_or("none".to_owned(), |r| format!("{:.2} dB", r.rise_db));
+    let mut last_pair = String::new();
+    for c in &all {
+        let pair = pair_name(&c.series.source, &c.series.probe);
+        let shown = if pair == last_pair { String::new() } else { pair.clone() };
+        last_pair = pair;
+        let median = if c.common > 0 { format!("{:.2} dB", c.median_db) } else { String::new() };
+        let largest = c.largest.map_or("no common value".to_owned(), |(value, db)| {
+            // No minus before what rounds to nothing.
+            let db = if db.abs() < 0.005 { 0.0 } else { db };
+            format!("{} dB at {} {unit}", notation::level(db, 2), notation::trimmed(value, 4)).trim_end().to_owned()
+        });
+        table.add_row([shown, notation::band(c.series.band_hz), rise(c.rise), rise(c.reference_rise), median, largest]);
+    }
+    format!(
+        "\nRises on {act} beside the reference {}, at the values both have\n{}\n",
+        first.reference.label,
+        table.trim_fmt()
+    )
 }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::beside::comparisons;
 use super::ink::Ink;
 use super::notation::{self, escaped};
 use super::series::{Series, rises};
@@ -51,6 +52,7 @@ pub(super) fn sweep_page(results: &Swept) -> Result<String> {
         escaped(&results.parameter)
     );
     rises_table(&mut body, results);
+    beside_table(&mut body, results);
     for (i, (source, probe)) in pairs_of(results).into_iter().enumerate() {
         let of_pair: Vec<&Series> = results.series.iter().filter(|s| s.source == source && s.probe == probe).collect();
         let name = pair_name(source, probe);
@@ -335,6 +337,40 @@ fn rises_table(out: &mut String, results: &Swept) {
     }
     put!(out, "</tbody></table></div>");
     put!(out, "<p class=\"muted\">Rises below 0.05 dB are left out here; closing.csv has all.</p>\n</details>");
+}
+
+/// The largest rises and the differences of the levels beside the reference curves, where there are any.
+fn beside_table(out: &mut String, results: &Swept) {
+    let all = comparisons(results);
+    let Some(first) = all.first() else { return };
+    let unit = notation::unit_of(&results.parameter);
+    put!(out, "<details>\n<summary>Beside the reference {}</summary>", escaped(&first.reference.label));
+    put!(out, "<div class=\"scroll\"><table>\n<thead><tr><th class=\"left\">source → probe</th><th>band</th>");
+    put!(out, "<th>largest rise here (dB)</th><th>in the reference (dB)</th><th>values in common</th>");
+    put!(out, "<th>median |difference| (dB)</th><th>largest (dB)</th></tr></thead>\n<tbody>");
+    let rise = |r: Option<super::Rise>| r.map_or("–".to_owned(), |r| decibels(r.rise_db, 2));
+    for c in &all {
+        put!(
+            out,
+            "<tr><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td><td>{}</td>",
+            escaped(&pair_name(&c.series.source, &c.series.probe)),
+            notation::band(c.series.band_hz),
+            rise(c.rise),
+            rise(c.reference_rise),
+            c.common
+        );
+        match c.largest {
+            Some((value, db)) => put!(
+                out,
+                "<td>{}</td><td>{} <small>at {} {unit}</small></td></tr>",
+                decibels(c.median_db, 2),
+                decibels(db, 2),
+                notation::trimmed(value, 4)
+            ),
+            None => put!(out, "<td>–</td><td>–</td></tr>"),
+        }
+    }
+    put!(out, "</tbody></table></div>\n</details>");
 }
 
 /// The sources and probes of a sweep in order of appearance.

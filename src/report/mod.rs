@@ -4,6 +4,7 @@
 //! The functions here take plain data (what was asked, what was received) and compute nothing physical beyond
 //! decibels. Files are first written to a [`Folder`] and moved to their place together when all of them are complete.
 
+mod beside;
 mod charts;
 mod console;
 mod folder;
@@ -23,6 +24,7 @@ use crate::scene::{Air, Band, Output, RoomSource, Scene, Simulation, Source, Sou
 
 use record::Record;
 
+pub use beside::{Comparison, comparisons};
 pub use console::{levels_table, rises_table};
 pub use folder::{Folder, check_writable};
 pub use series::{Rise, Series, SeriesPoint, SweepValue, rises};

@@ -13,6 +13,7 @@ use super::Scene;
 use super::locate::Locator;
 use super::materials::Palette;
 use super::mesh::MeshFiles;
+use super::reference;
 use super::room_file::RoomFile;
 use crate::error::{Result, Warning};
 
@@ -54,7 +55,12 @@ pub(super) fn check(
     let sources = sound::sources(&room.sources, &bands, &matter, at, &mut warnings)?;
     let probes = sound::probes(&room.probes, &sources, &matter, at, &mut warnings)?;
     sound::outside(&sources, &probes, &matter, &mut warnings);
-    let sweep = room.sweep.as_ref().map(|table| options::sweep(table, at)).transpose()?;
+    let mut sweep = room.sweep.as_ref().map(|table| options::sweep(table, at)).transpose()?;
+    if let (Some(sweep), Some(name)) = (&mut sweep, room.sweep.as_ref().and_then(|s| s.get_ref().reference.as_ref())) {
+        let sources: Vec<&str> = sources.iter().map(|s| s.name.as_str()).collect();
+        let probes: Vec<&str> = probes.iter().map(|p| p.name.as_str()).collect();
+        sweep.reference = Some(reference::read(name, surroundings.folder, &sources, &probes, at)?);
+    }
 
     let name = room.name.as_ref().map_or_else(|| surroundings.title.clone(), |name| name.get_ref().clone());
     let scene = Scene {
