@@ -68,7 +68,8 @@ impl PlaneBook {
             if (0..4).any(|i| corner >> i & 1 == 1 && step[i] == 0) {
                 continue;
             }
-            let key = std::array::from_fn(|i| if corner >> i & 1 == 1 { base[i] + step[i] } else { base[i] });
+            let key =
+                std::array::from_fn(|i| if corner >> i & 1 == 1 { base[i].saturating_add(step[i]) } else { base[i] });
             for &id in self.cells.get(&key).into_iter().flatten() {
                 let plane = &self.planes[id];
                 let off = |p: &DVec3| plane.normal.dot(*p - plane.point_m).abs() > COPLANAR_M;
