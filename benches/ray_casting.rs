@@ -12,7 +12,8 @@ use glam::DVec3;
 
 const RAYS: usize = 10_000;
 
-/// A shoebox; a box with a thick partition and a door; a shoebox as a mesh; a hall with 24 free walls; a round body in a hall.
+/// A shoebox; a box with a thick partition and a door; a shoebox as a mesh; a hall with 24 free walls; a round body
+/// in a hall.
 const ROOMS: [&str; 6] =
     ["6 faces", "box with a door", "12 triangles", "6 faces and 24 walls", "5 k triangles", "82 k triangles"];
 

@@ -1,9 +1,9 @@
 //! Volume, surface and mean absorption of the room round a point, from diffuse walks.
 //!
 //! Stops of a diffuse walk in a closed room are spread evenly over its surface, and the mean length between stops is
-//! 4 V / S (Kosten 1960), whatever the shape. The stops per square metre of the densest surfaces, which lie wholly in the room,
-//! give the surface S behind all stops, parts hidden by partitions left out; the mean length gives V. If every
-//! surface met lies wholly in the room and they close, both are exact: S is their sum and V follows from the
+//! 4 V / S (Kosten 1960), whatever the shape. The stops per square metre of the densest surfaces, which lie wholly in
+//! the room, give the surface S behind all stops, parts hidden by partitions left out; the mean length gives V. If
+//! every surface met lies wholly in the room and they close, both are exact: S is their sum and V follows from the
 //! divergence theorem.
 
 use std::collections::BTreeMap;

@@ -11,8 +11,8 @@ const RIM_BIT: u32 = 1 << 31;
 /// A triangle or parallelogram, 128 bytes, coordinates relative to the scene's centre.
 ///
 /// A ray meets the plane at t = (d - n.o)/(n.s); the point lies inside if its two affine coordinates (1 at the far
-/// side) satisfy u >= 0, v >= 0 and u + v <= 1 (triangle) or u <= 1, v <= 1 (parallelogram). Every limit is widened by the
-/// scene's rounding margin in m, so that neighbours overlap and nothing passes between them.
+/// side) satisfy u >= 0, v >= 0 and u + v <= 1 (triangle) or u <= 1, v <= 1 (parallelogram). Every limit is widened
+/// by the scene's rounding margin in m, so that neighbours overlap and nothing passes between them.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Facet {
     normal: DVec3,
@@ -110,7 +110,8 @@ impl Facet {
         (gradient_u.is_finite() && gradient_v.is_finite()).then_some(facet)
     }
 
-    /// Distance along the ray from `origin` (relative to the scene's centre) to the facet, if it meets it; may be negative.
+    /// Distance along the ray from `origin` (relative to the scene's centre) to the facet, if it meets it; may be
+    /// negative.
     #[inline(always)]
     pub(crate) fn meet(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
         let t = (self.distance - self.normal.dot(origin)) / self.normal.dot(direction);
@@ -118,7 +119,8 @@ impl Facet {
         self.contains(origin + direction * t).then_some(t)
     }
 
-    /// Whether the projection of a point (relative to the scene's centre) on the plane lies in the facet, borders included.
+    /// Whether the projection of a point (relative to the scene's centre) on the plane lies in the facet, borders
+    /// included.
     #[inline(always)]
     pub(crate) fn contains(&self, p: DVec3) -> bool {
         let u = self.gradient_u.dot(p) + self.offset_u;

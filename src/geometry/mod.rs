@@ -1,10 +1,10 @@
 //! The scene's surfaces and portals as rays meet them.
 //!
-//! Every surface is cut into triangles and parallelograms (openings and door leaves included), found through a bounding
-//! volume tree and tested inclusively in f64, so that no ray passes between neighbours, not even one aimed exactly at
-//! an edge. Two numbers steer what a ray may meet after an event: the *plane* a surface lies in, skipped after a reflection
-//! (no self hits, no nudged origins), and the *group* of a wall or box face, skipped too after a transmission or the crossing of a portal (the
-//! faces of a thick wall count once).
+//! Every surface is cut into triangles and parallelograms (openings and door leaves included), found through a
+//! bounding volume tree and tested inclusively in f64, so that no ray passes between neighbours, not even one aimed
+//! exactly at an edge. Two numbers steer what a ray may meet after an event: the *plane* a surface lies in, skipped
+//! after a reflection (no self hits, no nudged origins), and the *group* of a wall or box face, skipped too after a
+//! transmission or the crossing of a portal (the faces of a thick wall count once).
 
 mod bvh;
 mod cut;
@@ -57,8 +57,8 @@ pub struct Hit {
     pub plane: usize,
     /// Group id: equal for all parts of one wall, one box face or one flat patch of a mesh.
     pub group: usize,
-    /// The group of the thick wall that the ray is passing through, if it meets one of the wall's rims from within: still to
-    /// be skipped after a reflection there, since the wall or portal was counted when the ray went in.
+    /// The group of the thick wall that the ray is passing through, if it meets one of the wall's rims from within:
+    /// still to be skipped after a reflection there, since the wall or portal was counted when the ray went in.
     pub inside: Option<usize>,
 }
 
@@ -194,8 +194,8 @@ fn corners(scene: &Scene) -> Vec<DVec3> {
     scene.sources.iter().map(|s| s.position_m).chain(scene.probes.iter().map(|p| p.position_m)).collect()
 }
 
-/// The origin of internal coordinates and the largest distance of a corner from it. The given origin is kept where it is
-/// near enough, else the middle rounded to metres, so that the subtraction rounds as little as possible.
+/// The origin of internal coordinates and the largest distance of a corner from it. The given origin is kept where it
+/// is near enough, else the middle rounded to metres, so that the subtraction rounds as little as possible.
 fn centre_and_extent(scene: &Scene) -> (DVec3, f64) {
     let corners = corners(scene);
     let (low, high) =

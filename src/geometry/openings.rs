@@ -76,7 +76,8 @@ impl Builder<'_> {
         }
     }
 
-    /// The jambs, sill and lintel of a plain hole in a thick wall. A portal needs none: what crosses it passes the wall.
+    /// The jambs, sill and lintel of a plain hole in a thick wall. A portal needs none: what crosses it passes the
+    /// wall.
     pub(crate) fn add_reveals(&mut self, opening: &Opening) {
         let Host::Wall(wall) = opening.host else { return };
         let (t, group) = (self.host(opening.host).thickness_m, self.host(opening.host).group);

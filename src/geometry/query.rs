@@ -54,10 +54,11 @@ struct Candidate {
 impl Geometry {
     /// The nearest surface or portal along the ray from `origin` (m) in the unit `direction`, nearer than `t_max` (m).
     ///
-    /// At equal distance (within 1e-9 (1 + t)) the surface whose normal faces the ray wins, then the lower index, surfaces before
-    /// portals. A one-sided surface within rounding of the origin is met if the ray runs against its normal, any other if it
-    /// does not lie behind the origin. A skipped group still shows the rims of its wall from within, so that a ray which passes
-    /// a thick wall or its portal leaves it through a face and not sideways (see [`Hit::inside`]).
+    /// At equal distance (within 1e-9 (1 + t)) the surface whose normal faces the ray wins, then the lower index,
+    /// surfaces before portals. A one-sided surface within rounding of the origin is met if the ray runs against its
+    /// normal, any other if it does not lie behind the origin. A skipped group still shows the rims of its wall from
+    /// within, so that a ray which passes a thick wall or its portal leaves it through a face and not sideways (see
+    /// [`Hit::inside`]).
     pub fn closest(&self, origin: DVec3, direction: DVec3, t_max: f64, skip: Skip) -> Option<Hit> {
         let skip = Skipped::from(skip);
         let o = origin - self.centre_m;
@@ -105,8 +106,8 @@ impl Geometry {
 
     /// Whether any surface or portal lies strictly between two points (m).
     ///
-    /// Hits within 1e-9 (1 + length) of an end point do not block. The skips name what the end points stand on and hold along the whole
-    /// segment. Points on an edge of a solid need none.
+    /// Hits within 1e-9 (1 + length) of an end point do not block. The skips name what the end points stand on and
+    /// hold along the whole segment. Points on an edge of a solid need none.
     pub fn blocked(&self, from: DVec3, to: DVec3, skip_from: Skip, skip_to: Skip) -> bool {
         let Some((direction, range)) = self.between(from, to) else { return false };
         let (a, b) = (Skipped::from(skip_from), Skipped::from(skip_to));
@@ -133,8 +134,8 @@ impl Geometry {
         blocked
     }
 
-    /// Everything strictly between two points (m) in order, each group once and of touching surfaces in one plane the one that
-    /// faces the ray: multiply the transmission of the surfaces, stop at a portal.
+    /// Everything strictly between two points (m) in order, each group once and of touching surfaces in one plane the
+    /// one that faces the ray: multiply the transmission of the surfaces, stop at a portal.
     ///
     /// End points and skips as in [`Geometry::blocked`]; `t` counts from `from`.
     pub fn segment(&self, from: DVec3, to: DVec3, skip_from: Skip, skip_to: Skip) -> Vec<Hit> {
@@ -184,8 +185,8 @@ impl Geometry {
         facets.chain(self.screens.iter().map(|s| s.distance(p))).fold(f64::INFINITY, f64::min)
     }
 
-    /// The surface or portal of a plane (index in [`Geometry::planes`]) at a point of it (m), for a ray that arrives along
-    /// `direction`; `None` where the plane has a hole or ends. For the mirror points of image sources.
+    /// The surface or portal of a plane (index in [`Geometry::planes`]) at a point of it (m), for a ray that arrives
+    /// along `direction`; `None` where the plane has a hole or ends. For the mirror points of image sources.
     pub fn element_at(&self, plane: usize, point: DVec3, direction: DVec3) -> Option<Element> {
         let p = point - self.centre_m;
         let mut best: Option<(Side, u32)> = None;

@@ -27,8 +27,8 @@ pub(crate) struct Parts {
     pub(crate) of_mesh: Range<usize>,
 }
 
-/// Local frame of a box face: the normal points into the box, local y up on the side faces (towards y on the floor), origin at
-/// the lower corner that makes all local coordinates positive.
+/// Local frame of a box face: the normal points into the box, local y up on the side faces (towards y on the floor),
+/// origin at the lower corner that makes all local coordinates positive.
 pub fn face_frame(room: &BoxRoom, face: Face) -> Frame {
     let (a, b) = (room.min_m, room.max_m);
     let (origin_m, x, y) = match face {
