@@ -20,14 +20,20 @@ use super::tally::Tally;
 use crate::geometry::{Element, Hit, Skip};
 use crate::scene::Source;
 
-/// Russian roulette begins when the largest weight of a branch falls below this share of its start (-30 dB), and keeps
-/// one ray in [`ROULETTE_ODDS`], so that a 60 dB decay is still carried by a thousandth of the rays.
-const ROULETTE_SHARE: f32 = 1e-3;
-/// One ray in this many survives the roulette.
-const ROULETTE_ODDS: f32 = 4.0;
+/// Russian roulette keeps the number of rays at this many times the square root of the power they have left: full
+/// strength to -10 dB, one in twenty at -35 dB, one in 300 at -60 dB. Levels come from the strong rays, decay times need
+/// some weak ones; the square root is the optimum between a number that follows the power (levels alone) and a constant one.
+const POPULATION: f32 = 3.0;
 
 /// After this many split-off rays the inclination of a history to split has halved: bounds the tree.
 const SPLIT_BUDGET: f64 = 16.0;
+
+/// Rays into which one of full strength is split on its first passage of a portal that keeps its largest weight.
+const PORTAL_PARTS: f64 = 4.0;
+/// The most rays of one crossing.
+const MAX_PORTAL_PARTS: f64 = 64.0;
+/// Draws that estimate a portal's gain.
+const PILOT_DRAWS: u32 = 4;
 
 /// Walls a ray remembers having passed. A second passage of the same wall (the way back) is sampled with its
 /// true probability instead of being forced.
@@ -60,6 +66,8 @@ pub(super) struct Ray<const N: usize> {
     ratio: Lanes<N>,
     /// Largest weight at the start of this branch.
     reference: f32,
+    /// Probability with which the roulette has let this branch come so far.
+    kept: f32,
     skip: Skip,
     last: Last,
     reflections: u32,
@@ -73,6 +81,27 @@ pub(super) struct Ray<const N: usize> {
 impl<const N: usize> Ray<N> {
     fn at(&self, t: f64) -> DVec3 {
         self.position + self.direction * t
+    }
+
+    /// Whether the wall or portal `group` leads somewhere this history has not been.
+    fn explores(&self, group: usize) -> bool {
+        self.passed_count < REMEMBERED_GROUPS && !self.passed[..self.passed_count].contains(&group)
+    }
+
+    /// Strength relative to the start of the branch.
+    fn strength(&self) -> f64 {
+        f64::from(peak(&self.weights) / self.reference)
+    }
+
+    /// Begins a branch beyond the wall or portal `group`, unless it is known: it is followed as far below its own start as
+    /// the ray it came from.
+    fn enter(&mut self, group: usize) {
+        if self.explores(group) {
+            self.passed[self.passed_count] = group;
+            self.passed_count += 1;
+            self.reference = peak(&self.weights).min(self.reference);
+            self.kept = 1.0;
+        }
     }
 }
 
@@ -95,6 +124,7 @@ pub(super) fn trace_ray<S: Crossing, const N: usize>(
         weights,
         ratio: lanes(std::iter::repeat_n(1.0, stage.bands)),
         reference: 1.0,
+        kept: 1.0,
         skip: Skip::NONE,
         last: Last::Emission,
         reflections: 0,
@@ -111,6 +141,12 @@ pub(super) fn trace_ray<S: Crossing, const N: usize>(
         walk.follow(ray);
     }
     walk.tally.end_ray();
+}
+
+/// Whether the walls of a capture region rather than the opening itself make up for what it passes: where it is much
+/// smaller than the region.
+fn stage_diverts(ratio: f64) -> bool {
+    ratio < 0.5
 }
 
 /// One history in progress.
@@ -159,14 +195,16 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
                     }
                     let passage = &self.stage.passages[portal];
                     if passage.is_captured(sign) {
+                        if !stage_diverts(self.stage.passages[portal].capture_ratio(sign)) {
+                            self.bounce(&ray, portal, &hit);
+                        }
                         // Its share went into the captured rays.
                         self.tally.accounts.book_gain(Account::Portals, &ray.weights, &[0.0; N]);
                         return;
                     }
                     let local = passage.frame.local(hit.point);
-                    if !self.cross(&mut ray, portal, local.x, local.y, &hit) {
-                        return;
-                    }
+                    self.cross(ray, portal, (local.x, local.y), ray.strength(), &hit);
+                    return;
                 }
             }
         }
@@ -183,13 +221,15 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         if largest == 0.0 {
             return false;
         }
-        if largest >= ROULETTE_SHARE * ray.reference {
+        let power = largest * ray.kept / ray.reference;
+        if ray.kept <= 2.0 * POPULATION * power.sqrt() {
             return true;
         }
         let before = ray.weights;
-        let survives = self.stream.uniform() * f64::from(ROULETTE_ODDS) < 1.0;
-        let factor = if survives { ROULETTE_ODDS } else { 0.0 };
+        let survives = self.stream.uniform() < 0.5;
+        let factor = if survives { 2.0 } else { 0.0 };
         ray.weights.iter_mut().for_each(|w| *w *= factor);
+        ray.kept *= 0.5;
         self.tally.accounts.book_gain(Account::Resampling, &before, &ray.weights);
         survives
     }
@@ -240,8 +280,11 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         // The normal on the side the ray comes from.
         let normal = face.normal * -towards;
 
+        let mut diverted = [1.0; N];
         for &portal in &face.captures {
-            self.capture(ray, portal, hit);
+            if self.capture(ray, portal, hit) {
+                multiply(&mut diverted, &stage.diverted[portal]);
+            }
         }
         let material = &stage.materials[face.material];
         let side = usize::from(towards < 0.0);
@@ -254,9 +297,12 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         let incoming = ray.weights;
         multiply(&mut ray.weights, &material.reflected);
         self.tally.accounts.book_gain(Account::Absorbed, &ray.weights, &incoming);
+        let before = ray.weights;
+        multiply(&mut ray.weights, &diverted);
+        self.tally.accounts.book_gain(Account::Portals, &before, &ray.weights);
 
-        if material.uniform_scattering != Some(0.0) {
-            let skip = Skip { plane: Some(hit.plane), group: None };
+        if material.rain_probability > 0.0 && self.stream.uniform() < material.rain_probability {
+            let skip = Skip::reflected(hit);
             for probe in 0..stage.receivers.len() {
                 let to = stage.receivers[probe].position - hit.point;
                 let r2 = to.length_squared();
@@ -289,7 +335,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         ray.diffuse |= diffuse;
         ray.reflections += 1;
         ray.position = hit.point;
-        ray.skip = Skip { plane: Some(hit.plane), group: None };
+        ray.skip = Skip::reflected(hit);
     }
 
     /// Specular or diffuse where the bands differ. All bands share one decision, drawn with the mean of their
@@ -312,30 +358,23 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         diffuse
     }
 
-    /// Probability with which a ray that `strongest` of its power passes through the wall `group` is split off: high while the ray
-    /// is strong (the rays split off then have equal weights), never below what the power itself asks for.
+    /// Probability with which a ray that sends up to the share `strongest` of its power through the wall `group` is split:
+    /// high while the ray is strong (the rays split off then have equal weights), never below what the power itself asks for.
     fn split_probability(&self, ray: &Ray<N>, group: usize, strongest: f64) -> f64 {
         let analog = strongest.clamp(0.0, 1.0);
-        let known = &ray.passed[..ray.passed_count];
-        if known.len() == REMEMBERED_GROUPS || known.contains(&group) {
-            return analog;
-        }
-        let strength = f64::from(peak(&ray.weights) / ray.reference);
-        (strength * SPLIT_BUDGET / (SPLIT_BUDGET + f64::from(self.split))).min(1.0).max(analog)
+        if ray.explores(group) { (ray.strength() * self.budget()).min(1.0).max(analog) } else { analog }
+    }
+
+    /// Inclination to split, 1 at first, less in a history that has split often.
+    fn budget(&self) -> f64 {
+        SPLIT_BUDGET / (SPLIT_BUDGET + f64::from(self.split))
     }
 
     /// The branch split off from `ray` with probability `probability`, its weights times `share` over it.
-    fn branch(&mut self, ray: &Ray<N>, group: usize, share: &Lanes<N>, probability: f64) -> Ray<N> {
+    fn branch(&mut self, ray: &Ray<N>, share: &Lanes<N>, probability: f64) -> Ray<N> {
         self.split += 1;
         let mut child = *ray;
         multiply(&mut child.weights, &share.map(|s| (f64::from(s) / probability) as f32));
-        let known = &child.passed[..child.passed_count];
-        if child.passed_count < REMEMBERED_GROUPS && !known.contains(&group) {
-            child.passed[child.passed_count] = group;
-            child.passed_count += 1;
-            // A branch born weak is followed as far below its own start as the ray it came from.
-            child.reference = peak(&child.weights).min(child.reference);
-        }
         child
     }
 
@@ -346,37 +385,63 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         if self.stream.uniform() >= probability {
             return;
         }
-        let mut child = self.branch(ray, hit.group, transmission, probability);
+        let mut child = self.branch(ray, transmission, probability);
+        child.enter(hit.group);
         self.tally.accounts.book(Account::Transmitted, &child.weights);
         child.position = hit.point + inward * through_m;
         child.length_m += through_m;
-        child.skip = Skip { plane: Some(hit.plane), group: Some(hit.group) };
+        child.skip = Skip::passed(hit);
         child.last = Last::Through;
         self.pending.push(child);
     }
 
-    /// Sends a share of a ray that hits the wall round a narrow opening through it.
-    fn capture(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) {
+    /// Sends a share of a ray that hits the wall round a narrow opening through it. Returns whether the hit lies in the
+    /// capture region and its reflection makes up for what the opening passes beyond (or short of) its area.
+    fn capture(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) -> bool {
         let passage = &self.stage.passages[portal];
         let sign = ray.direction.dot(passage.frame.normal).signum();
-        let Some(Captured { x_m, y_m, ratio }) = passage.captured(hit.point, sign) else { return };
+        let Some(Captured { x_m, y_m, ratio }) = passage.captured(hit.point, sign) else { return false };
+        let diverts = stage_diverts(ratio);
         let probability = self.split_probability(ray, hit.group, ratio);
         if self.stream.uniform() >= probability {
-            return;
+            return diverts;
         }
-        let mut child = self.branch(ray, hit.group, &[ratio as f32; N], probability);
+        let child = self.branch(ray, &[ratio as f32; N], probability);
         self.tally.accounts.book(Account::Portals, &child.weights);
-        if self.cross(&mut child, portal, x_m, y_m, hit) {
-            self.pending.push(child);
-        }
+        // The ray's strength is in the probability already.
+        self.cross(child, portal, (x_m, y_m), 1.0, hit);
+        diverts
     }
 
-    /// A crossing of the portal at local (x, y): what it sends to the probes at once, and the ray's new direction. Returns
-    /// false if the ray ended.
+    /// What an opening does not pass of a ray that hits it is reflected: the share 1 - tau, negative where it passes more
+    /// than the power that meets its area. So the two rooms together neither gain nor lose.
+    fn bounce(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) {
+        let share = self.stage.remainder[portal];
+        let largest = f64::from(peak(&share));
+        let probability = largest.min(1.0);
+        if largest == 0.0 || self.stream.uniform() >= probability {
+            return;
+        }
+        let mut child = self.branch(ray, &share, probability);
+        self.tally.accounts.book(Account::Portals, &child.weights);
+        let normal = self.stage.passages[portal].frame.normal;
+        child.direction = (ray.direction - normal * (2.0 * ray.direction.dot(normal))).normalize();
+        child.position = hit.point;
+        child.skip = Skip::reflected(hit);
+        child.last = Last::Specular;
+        child.reflections += 1;
+        self.pending.push(child);
+    }
+
+    /// A crossing of the portal at local (x, y) in m: what it sends to the probes at once, and the rays that go on.
     ///
-    /// The ray leaves from the far face at the same (x, y): a thick host's jambs play no part beyond what the scattering
+    /// On its first passage a ray of full `strength` goes on as several, each with its part of the power and of the random
+    /// numbers (stratified): crossings are rare, and one direction has to serve all bands, whose lobes differ in width. So
+    /// does any ray whose weights would outgrow the start of its branch.
+    ///
+    /// The rays leave from the far face at the same (x, y): a thick host's jambs play no part beyond what the scattering
     /// knows of them.
-    fn cross(&mut self, ray: &mut Ray<N>, portal: usize, x_m: f64, y_m: f64, hit: &Hit) -> bool {
+    fn cross(&mut self, mut ray: Ray<N>, portal: usize, (x_m, y_m): (f64, f64), strength: f64, hit: &Hit) {
         let stage = self.stage;
         let passage = &stage.passages[portal];
         let frame = &passage.frame;
@@ -389,27 +454,50 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         ray.position = frame.point(x_m, y_m) + frame.normal * (0.5 * sign * passage.thickness);
         ray.length_m += passage.thickness;
         ray.portals += 1;
-        ray.skip = Skip { plane: Some(hit.plane), group: Some(hit.group) };
+        ray.skip = Skip::passed(hit);
 
         if !self.is_covered(ray.diffuse, ray.reflections, ray.portals) {
             for probe in 0..stage.receivers.len() {
                 if stage.receivers[probe].at_crossing[portal] {
-                    self.rain_from_crossing(ray, portal, (x_m, y_m), s_i, to_local, probe);
+                    self.rain_from_crossing(&ray, portal, (x_m, y_m), s_i, to_local, probe);
                 }
             }
         }
 
-        let before = ray.weights;
-        let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
-        let out = stage.scatter[portal].sample(x_m, y_m, s_i, u, &mut ray.weights[..stage.bands]);
-        let Some(out) = out else {
-            self.tally.accounts.book_gain(Account::Portals, &before, &[0.0; N]);
-            return false;
-        };
-        self.tally.accounts.book_gain(Account::Portals, &before, &ray.weights);
-        ray.direction = (frame.x * out.x + frame.y * out.y + frame.normal * (out.z * sign)).normalize();
-        ray.last = Last::Portal(portal);
-        true
+        let eagerness = if ray.explores(hit.group) { PORTAL_PARTS * self.budget() } else { 1.0 };
+        let gain = self.pilot_gain(portal, (x_m, y_m), s_i);
+        let parts = (eagerness * strength * gain).round().clamp(1.0, MAX_PORTAL_PARTS) as u32;
+        self.split += parts - 1;
+        ray.weights.iter_mut().for_each(|w| *w /= parts as f32);
+        ray.enter(hit.group);
+        for part in 0..parts {
+            let mut child = ray;
+            let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
+            let u = [(f64::from(part) + u[0]) / f64::from(parts), u[1], u[2]];
+            let out = stage.scatter[portal].sample(x_m, y_m, s_i, u, &mut child.weights[..stage.bands]);
+            let Some(out) = out else {
+                self.tally.accounts.book_gain(Account::Portals, &ray.weights, &[0.0; N]);
+                continue;
+            };
+            self.tally.accounts.book_gain(Account::Portals, &ray.weights, &child.weights);
+            child.direction = (frame.x * out.x + frame.y * out.y + frame.normal * (out.z * sign)).normalize();
+            child.last = Last::Portal(portal);
+            self.pending.push(child);
+        }
+    }
+
+    /// By which factor a crossing changes the largest weight: mean of a few draws that serve this purpose alone (a decision
+    /// from the draws that count would bias them). Narrow openings pass many times the power of grazing rays.
+    fn pilot_gain(&mut self, portal: usize, (x_m, y_m): (f64, f64), s_i: DVec3) -> f64 {
+        let mut gain = 0.0;
+        for _ in 0..PILOT_DRAWS {
+            let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
+            let mut weights = lanes::<N>(std::iter::repeat_n(1.0, self.stage.bands));
+            if self.stage.scatter[portal].sample(x_m, y_m, s_i, u, &mut weights[..self.stage.bands]).is_some() {
+                gain += f64::from(peak(&weights)) / f64::from(PILOT_DRAWS);
+            }
+        }
+        gain
     }
 
     /// Next-event estimation from a crossing: 4 pi times power times density over r^2, in the bands with a broad lobe.
