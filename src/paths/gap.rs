@@ -11,7 +11,7 @@ use crate::scene::{Frame, Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::mask::Mask;
 use crate::wbsdf::rectangle::{Rectangle, Sides, shortest_over};
-use crate::wbsdf::slit::{self, BandApertures, Form};
+use crate::wbsdf::slit::{self, BandApertures};
 
 /// Openings that act as one: a rectangle, or all infinitely long slits of one plane.
 pub struct Gap {
@@ -130,14 +130,13 @@ impl Gap {
                 let mut intensity = Vec::with_capacity(spectra.len());
                 let mut error = Vec::with_capacity(spectra.len());
                 for (band, spectrum) in spectra.iter().enumerate() {
-                    let form = match scene.simulation.transport {
-                        Transport::Paraxial => Form::Paraxial,
-                        _ => Form::of_pair(mask, &crossing, spectrum),
+                    let solved = || {
+                        let across = slit::sin_beta(mask, &crossing) == 1.0;
+                        across.then(|| apertures[band].get_or_init(|| BandApertures::new(mask, spectrum, 1.0)))
                     };
-                    let sum = if form == Form::Exact && crossing.sin_beta() == 1.0 {
-                        apertures[band].get_or_init(|| BandApertures::new(mask, spectrum, 1.0)).intensity(&crossing)
-                    } else {
-                        slit::intensity(mask, &crossing, spectrum, form, TOLERANCE)
+                    let sum = match scene.simulation.transport {
+                        Transport::Paraxial => slit::paraxial_intensity(mask, &crossing, spectrum, TOLERANCE),
+                        _ => slit::intensity(mask, &crossing, spectrum, solved, TOLERANCE),
                     };
                     let air = (-scene.air.attenuation_per_m[band] * length).exp();
                     let factor = share * loss[band] * air;
