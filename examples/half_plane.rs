@@ -1,8 +1,8 @@
 //! A plane wave behind a rigid half-plane, round the shadow boundary.
 //!
-//! Phenomenon: sound bends round an edge. The level falls from free field through -6 dB on the shadow boundary (270
-//! degrees here) into the shadow, although no ray carries a phase.
-//! Expected: the signed rays follow Sommerfeld's exact solution, averaged over the 1 kHz octave, within 0.5 dB.
+//! Phenomenon: sound bends round an edge. The level falls from free field through about -6 dB on the shadow boundary
+//! (270 degrees here) into the shadow, although no ray carries a phase.
+//! Expected: the signed rays follow Sommerfeld's exact solution, averaged over the 1 kHz octave, within 0.02 dB.
 //! Source: A. Sommerfeld, Mathematische Annalen 47, 1896; in the form of Born and Wolf, Principles of Optics, section 11.5.
 
 use std::f64::consts::PI;

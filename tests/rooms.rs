@@ -111,9 +111,10 @@ fn the_shoebox_decays_and_sounds_as_radiosity_and_eyring_say() {
         // Four standard errors, and the mean over the receiver's sphere against its centre.
         near(&[level.level_db()], &[level_db], 4.0 * level.std_error_db() + 0.02);
         let t30_s = response::metrics(reception(&outcome, probe), &scene.bands)[0].t30.seconds.unwrap();
-        // 1 %: the scatter of a fit to a traced decay. Eyring takes one mean free path for all: 2.5 % shorter.
-        assert!((t30_s / 0.614 - 1.0).abs() < 0.015, "{probe}: T30 {t30_s} s");
-        assert!((t30_s / 0.600 - 1.0).abs() < 0.04, "{probe}: T30 {t30_s} s");
+        // 1.5 %: the extrapolated radiosity is good to 0.5 %, the fit to a traced decay to 1 %. Eyring takes all free paths
+        // as equal: 5 % shorter.
+        assert!((t30_s / 0.630 - 1.0).abs() < 0.015, "{probe}: T30 {t30_s} s");
+        assert!((t30_s / 0.600 - 1.05).abs() < 0.03, "{probe}: T30 {t30_s} s");
     }
 }
 
@@ -209,7 +210,7 @@ fn round_the_corner_comes_first_what_the_edge_sends() {
     }
     let earliest = |o: &Outcome| reception(o, "round").paths.iter().map(|p| p.delay_s).fold(f64::INFINITY, f64::min);
     assert!(earliest(&without) > first.delay_s + 1e-3, "without the edge only reflections arrive, later");
-    for (probe, [least, most]) in [("round", [1.5, 10.0]), ("in-sight", [-0.3, 1.2])] {
+    for (probe, [least, most]) in [("round", [1.5, 10.0]), ("in-sight", [-0.6, 1.2])] {
         let (a, b) = (levels(&with, probe), levels(&without, probe));
         for band in 2..8 {
             let gain = a[band] - b[band];
