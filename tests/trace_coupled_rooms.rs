@@ -5,7 +5,8 @@ mod trace_rooms;
 use std::f64::consts::PI;
 
 use diffray::scene::*;
-use diffray::trace::{Crossing, TracePlan};
+use diffray::trace::{Scattering, TracePlan};
+use diffray::wbsdf::scatter::Form;
 use glam::DVec3;
 use trace_rooms::*;
 
@@ -72,15 +73,15 @@ fn a_transmitting_wall_feeds_the_second_room_as_statistics_say() {
 #[derive(Clone)]
 struct PassThrough;
 
-impl Crossing for PassThrough {
-    fn transmission(&self, bands: usize) -> Vec<f64> {
-        vec![1.0; bands]
+impl Scattering for PassThrough {
+    fn transmitted(&self, _: DVec3, out: &mut [f32]) {
+        out.fill(1.0);
     }
 
-    fn sample(&self, _: f64, _: f64, s_i: DVec3, _: [f64; 3], _: &mut [f32]) -> Option<DVec3> {
+    fn sample(&self, _: Form, _: (f64, f64), s_i: DVec3, _: [f64; 3], _: &mut [f32]) -> Option<DVec3> {
         Some(s_i)
     }
-    fn density(&self, _: f64, _: f64, _: DVec3, _: DVec3, out: &mut [f64]) {
+    fn density(&self, _: Form, _: (f64, f64), _: DVec3, _: DVec3, out: &mut [f64]) {
         out.fill(0.0);
     }
     fn lobe_sr(&self, _: usize) -> f64 {
@@ -94,19 +95,19 @@ struct Diffuser {
     lobe_sr: f64,
 }
 
-impl Crossing for Diffuser {
-    fn transmission(&self, bands: usize) -> Vec<f64> {
-        vec![1.0; bands]
+impl Scattering for Diffuser {
+    fn transmitted(&self, _: DVec3, out: &mut [f32]) {
+        out.fill(1.0);
     }
 
-    fn sample(&self, _: f64, _: f64, _: DVec3, u: [f64; 3], weights: &mut [f32]) -> Option<DVec3> {
+    fn sample(&self, _: Form, _: (f64, f64), _: DVec3, u: [f64; 3], weights: &mut [f32]) -> Option<DVec3> {
         let factor = if u[2] < 0.75 { 2.0 } else { -2.0 };
         weights.iter_mut().for_each(|w| *w *= factor);
         let (sin, cos) = (2.0 * PI * u[0]).sin_cos();
         let r = u[1].sqrt();
         Some(DVec3::new(r * cos, r * sin, (1.0 - u[1]).sqrt()))
     }
-    fn density(&self, _: f64, _: f64, _: DVec3, s_o: DVec3, out: &mut [f64]) {
+    fn density(&self, _: Form, _: (f64, f64), _: DVec3, s_o: DVec3, out: &mut [f64]) {
         out.fill(s_o.z / PI);
     }
     fn lobe_sr(&self, _: usize) -> f64 {
@@ -115,7 +116,7 @@ impl Crossing for Diffuser {
 }
 
 /// Mean level in the second room with portals, or with plain holes.
-fn through<S: Crossing + Clone>(scene: &Scene, scatter: Option<S>, rays: u64, seed: u64) -> (f64, f64) {
+fn through<S: Scattering + Clone>(scene: &Scene, scatter: Option<S>, rays: u64, seed: u64) -> (f64, f64) {
     let mut scene = scene.clone();
     let scatter: Vec<S> = match scatter {
         Some(s) => vec![s; scene.openings.len()],

@@ -33,7 +33,7 @@ mod stage;
 mod tally;
 
 pub use ledger::Ledger;
-pub use portal::Crossing;
+pub use portal::Scattering;
 
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
@@ -173,7 +173,7 @@ pub struct TraceOutcome {
 ///
 /// # Errors
 /// More than [`MAX_BANDS`] bands, an echogram of no or unbounded length, or `scatter` that does not fit the portals.
-pub fn trace<S: Crossing>(
+pub fn trace<S: Scattering>(
     scene: &Scene,
     geometry: &Geometry,
     scatter: &[S],

@@ -13,50 +13,54 @@ use glam::DVec3;
 
 use crate::geometry::{Geometry, Portal, Skip};
 use crate::scene::{BoxRoom, Frame, Host, Scene};
-use crate::wbsdf::scatter::{PortalScatter, diffuse_transmission};
+use crate::wbsdf::scatter::{Form, PortalScatter};
 
 /// What a portal does to a ray: the interface to the wave model.
 ///
-/// Directions are unit vectors in the portal's local frame, z > 0 in the direction of travel.
-pub trait Crossing: Sync {
-    /// Draws an outgoing direction for a ray that crosses at local (x, y) in m with direction `s_i` and multiplies
-    /// `weights` (one a band) by signed weight over density. `None`: the ray ends here, its share being already accounted for in
+/// Directions are unit vectors in the portal's local frame, z > 0 in the direction of travel; places (x, y) in m.
+pub trait Scattering: Sync {
+    /// Draws an outgoing direction for a ray that crosses at `at_m` with direction `s_i` and multiplies `weights` (one a band) by
+    /// signed weight over density. `None`: the ray ends here, its share being already accounted for in
     /// the expectation. `u`: uniform random numbers in [0, 1).
-    fn sample(&self, x_m: f64, y_m: f64, s_i: DVec3, u: [f64; 3], weights: &mut [f32]) -> Option<DVec3>;
+    fn sample(&self, form: Form, at_m: (f64, f64), s_i: DVec3, u: [f64; 3], weights: &mut [f32]) -> Option<DVec3>;
 
     /// Signed share of the ray's power per steradian sent towards `s_o`, one a band.
-    fn density(&self, x_m: f64, y_m: f64, s_i: DVec3, s_o: DVec3, out: &mut [f64]);
+    fn density(&self, form: Form, at_m: (f64, f64), s_i: DVec3, s_o: DVec3, out: &mut [f64]);
+
+    /// Transmitted power over incident power of a plane wave along `s_i`, one a band.
+    fn transmitted(&self, s_i: DVec3, out: &mut [f32]);
 
     /// Solid angle of the lobe in band `band` in sr: small = peaked.
     fn lobe_sr(&self, band: usize) -> f64;
-
-    /// Transmission coefficient for diffuse incidence, one a band: transmitted power over the power that meets the open area.
-    fn transmission(&self, bands: usize) -> Vec<f64>;
 }
 
-impl Crossing for PortalScatter {
-    fn sample(&self, x_m: f64, y_m: f64, s_i: DVec3, u: [f64; 3], weights: &mut [f32]) -> Option<DVec3> {
-        self.sample(x_m, y_m, s_i, u, weights)
+impl Scattering for PortalScatter {
+    fn sample(&self, form: Form, at_m: (f64, f64), s_i: DVec3, u: [f64; 3], weights: &mut [f32]) -> Option<DVec3> {
+        self.sample(form, at_m, s_i, u, weights)
     }
 
-    fn density(&self, x_m: f64, y_m: f64, s_i: DVec3, s_o: DVec3, out: &mut [f64]) {
-        self.density(x_m, y_m, s_i, s_o, out);
+    fn density(&self, form: Form, at_m: (f64, f64), s_i: DVec3, s_o: DVec3, out: &mut [f64]) {
+        self.density(form, at_m, s_i, s_o, out);
+    }
+
+    fn transmitted(&self, s_i: DVec3, out: &mut [f32]) {
+        self.transmitted(s_i, out);
     }
 
     fn lobe_sr(&self, band: usize) -> f64 {
         self.lobe_sr(band)
     }
-
-    fn transmission(&self, bands: usize) -> Vec<f64> {
-        diffuse_transmission(self, bands, TRANSMISSION_DRAWS)
-    }
 }
-
-/// Draws that estimate the transmission coefficient of an opening, to about 2 %.
-const TRANSMISSION_DRAWS: usize = 8192;
 
 /// Sides of a portal up to this width in m are widened to it by the capture region.
 const CAPTURE_WIDTH_M: f64 = 0.4;
+
+/// An opening that passes more than this times the power that meets it takes it in from around: it gets a capture region
+/// so large that a ray which hits it passes on at most [`LARGEST_SHARE`] of its power on average. The rest is reflected,
+/// so that a portal neither makes nor loses energy and no weight grows.
+const WORTH_CAPTURING: f64 = 1.1;
+/// See [`WORTH_CAPTURING`].
+const LARGEST_SHARE: f64 = 0.5;
 
 /// Height in m over the wall from which its surroundings are probed at set-up.
 const PROBING_HEIGHT_M: f64 = 1e-3;
@@ -95,8 +99,8 @@ pub(super) struct Captured {
 }
 
 impl Passage {
-    /// Sets up one portal.
-    pub(super) fn new(portal: &Portal, scene: &Scene, geometry: &Geometry) -> Self {
+    /// Sets up one portal; `gain`: largest transmitted over incident power in a diffuse field, over the bands.
+    pub(super) fn new(portal: &Portal, gain: f64, scene: &Scene, geometry: &Geometry) -> Self {
         let open = [portal.x_m, portal.y_m];
         let mut passage = Self {
             frame: portal.frame,
@@ -109,7 +113,7 @@ impl Passage {
         let host = scene.openings.get(portal.opening).map(|o| host_extent(scene, o.host, &portal.frame));
         let host = host.unwrap_or([[f64::NEG_INFINITY, f64::INFINITY]; 2]);
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
-            passage.capture[side] = passage.capture_region(sign, host, geometry);
+            passage.capture[side] = passage.capture_region(sign, gain, host, geometry);
         }
         passage
     }
@@ -124,11 +128,6 @@ impl Passage {
     /// Whether rays that travel along `sign` * normal reach this portal only through its capture region.
     pub(super) fn is_captured(&self, sign: f64) -> bool {
         self.capture[side(sign)].is_some()
-    }
-
-    /// Area of the opening over that of its capture region for rays along `sign` * normal; 1 without one.
-    pub(super) fn capture_ratio(&self, sign: f64) -> f64 {
-        self.capture[side(sign)].map_or(1.0, |capture| capture.ratio)
     }
 
     /// Where a ray that hits the wall at `point`, travelling along `sign` * normal, passes the opening, if it is captured.
@@ -153,15 +152,20 @@ impl Passage {
     }
 
     /// The capture region for rays along `sign` * normal; `None` where the opening is wide enough to be found.
-    fn capture_region(&self, sign: f64, host: [[f64; 2]; 2], geometry: &Geometry) -> Option<Capture> {
+    fn capture_region(&self, sign: f64, gain: f64, host: [[f64; 2]; 2], geometry: &Geometry) -> Option<Capture> {
         let size = self.open.map(|[low, high]| high - low);
-        if size[0].min(size[1]) >= CAPTURE_WIDTH_M {
+        let mut wanted = size.map(|s| s.max(CAPTURE_WIDTH_M));
+        let share = gain * size[0] * size[1] / (wanted[0] * wanted[1]);
+        if gain > WORTH_CAPTURING && share > LARGEST_SHARE {
+            wanted = wanted.map(|w| w * (share / LARGEST_SHARE).sqrt());
+        }
+        if wanted == size || size.iter().any(|s| s.is_infinite()) && size[0].min(size[1]) >= CAPTURE_WIDTH_M {
             return None;
         }
         let over = self.frame.normal * (-sign * (0.5 * self.thickness + PROBING_HEIGHT_M));
         let mut limits = self.open;
         for axis in 0..2 {
-            let missing = CAPTURE_WIDTH_M - size[axis];
+            let missing = wanted[axis] - size[axis];
             if missing <= 0.0 {
                 continue;
             }

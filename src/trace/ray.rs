@@ -10,7 +10,7 @@
 
 use glam::DVec3;
 
-use super::Crossing;
+use super::Scattering;
 use super::lanes::{Lanes, air_factors, lanes, multiply, peak};
 use super::ledger::Account;
 use super::portal::Captured;
@@ -19,6 +19,7 @@ use super::stage::Stage;
 use super::tally::Tally;
 use crate::geometry::{Element, Hit, Skip};
 use crate::scene::Source;
+use crate::wbsdf::scatter::Form;
 
 /// Russian roulette keeps the number of rays at this many times the square root of the power they have left: full
 /// strength to -10 dB, one in twenty at -35 dB, one in 300 at -60 dB. Levels come from the strong rays, decay times need
@@ -106,7 +107,7 @@ impl<const N: usize> Ray<N> {
 }
 
 /// Follows one ray of `source` and all rays split off from it. `pending` is scratch memory.
-pub(super) fn trace_ray<S: Crossing, const N: usize>(
+pub(super) fn trace_ray<S: Scattering, const N: usize>(
     stage: &Stage<'_, S, N>,
     source: &Source,
     stream: &mut Stream,
@@ -143,12 +144,6 @@ pub(super) fn trace_ray<S: Crossing, const N: usize>(
     walk.tally.end_ray();
 }
 
-/// Whether the walls of a capture region rather than the opening itself make up for what it passes: where it is much
-/// smaller than the region.
-fn stage_diverts(ratio: f64) -> bool {
-    ratio < 0.5
-}
-
 /// One history in progress.
 struct Walk<'w, 's, S, const N: usize> {
     stage: &'w Stage<'s, S, N>,
@@ -159,7 +154,7 @@ struct Walk<'w, 's, S, const N: usize> {
     split: u32,
 }
 
-impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
+impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
     /// Follows one ray to its end.
     fn follow(&mut self, mut ray: Ray<N>) {
         loop {
@@ -189,25 +184,62 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
             match hit.element {
                 Element::Surface(surface) => self.reflect(&mut ray, surface, &hit),
                 Element::Portal(portal) => {
-                    let sign = ray.direction.dot(self.stage.passages[portal].frame.normal).signum();
-                    for &captor in &self.stage.companions[portal] {
-                        self.capture(&ray, captor, &hit);
-                    }
-                    let passage = &self.stage.passages[portal];
-                    if passage.is_captured(sign) {
-                        if !stage_diverts(self.stage.passages[portal].capture_ratio(sign)) {
-                            self.bounce(&ray, portal, &hit);
-                        }
-                        // Its share went into the captured rays.
-                        self.tally.accounts.book_gain(Account::Portals, &ray.weights, &[0.0; N]);
-                        return;
-                    }
-                    let local = passage.frame.local(hit.point);
-                    self.cross(ray, portal, (local.x, local.y), ray.strength(), &hit);
+                    self.meet_portal(ray, portal, &hit);
                     return;
                 }
             }
         }
+    }
+
+    /// A hit on an opening: a share passes, the rest is reflected. In a capture region the opening's own area counts like
+    /// the wall around it.
+    fn meet_portal(&mut self, ray: Ray<N>, portal: usize, hit: &Hit) {
+        let stage = self.stage;
+        let mut left = [1.0; N];
+        for &captor in &stage.companions[portal] {
+            multiply(&mut left, &self.capture(&ray, captor, hit));
+        }
+        let passage = &stage.passages[portal];
+        let sign = ray.direction.dot(passage.frame.normal).signum();
+        if !passage.is_captured(sign) {
+            let (passes, scale) = self.passing(&ray, portal, 1.0);
+            let local = passage.frame.local(hit.point);
+            let mut through = ray;
+            multiply(&mut through.weights, &scale);
+            multiply(&mut left, &passes.map(|p| 1.0 - p));
+            self.tally.accounts.book(Account::Portals, &through.weights);
+            let strength = ray.strength();
+            self.cross(through, portal, (local.x, local.y), strength, hit);
+        }
+        // The reflected rest; of a share near 0 only now and then.
+        let probability = f64::from(peak(&left)).min(1.0);
+        if probability > 0.0 && self.stream.uniform() < probability {
+            let mut child = ray;
+            multiply(&mut child.weights, &left.map(|l| l / probability as f32));
+            let normal = passage.frame.normal;
+            child.direction = (ray.direction - normal * (2.0 * ray.direction.dot(normal))).normalize();
+            child.position = hit.point;
+            child.skip = Skip::reflected(hit);
+            child.last = Last::Specular;
+            child.reflections += 1;
+            self.tally.accounts.book(Account::Portals, &child.weights);
+            self.pending.push(child);
+        }
+        self.tally.accounts.book_gain(Account::Portals, &ray.weights, &[0.0; N]);
+    }
+
+    /// The share of a ray's power that a portal passes from an area `1/ratio` times its own, at most all of it, and the
+    /// factor that gives a crossing (whose mean gain is the opening's transmission) this share over `ratio`.
+    fn passing(&self, ray: &Ray<N>, portal: usize, ratio: f64) -> (Lanes<N>, Lanes<N>) {
+        let frame = &self.stage.passages[portal].frame;
+        let local = frame.turn(ray.direction);
+        let mut transmitted = [1.0; N];
+        let s_i = DVec3::new(local.x, local.y, local.z.abs());
+        self.stage.scatter[portal].transmitted(s_i, &mut transmitted[..self.stage.bands]);
+        let ratio = ratio as f32;
+        let passes = transmitted.map(|t| (ratio * t).min(1.0));
+        let scale = transmitted.map(|t| if ratio * t > 1.0 { 1.0 / (ratio * t) } else { 1.0 });
+        (passes, scale)
     }
 
     /// Whether the history of a ray is one that deterministic paths count.
@@ -280,11 +312,9 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         // The normal on the side the ray comes from.
         let normal = face.normal * -towards;
 
-        let mut diverted = [1.0; N];
+        let mut left = [1.0; N];
         for &portal in &face.captures {
-            if self.capture(ray, portal, hit) {
-                multiply(&mut diverted, &stage.diverted[portal]);
-            }
+            multiply(&mut left, &self.capture(ray, portal, hit));
         }
         let material = &stage.materials[face.material];
         let side = usize::from(towards < 0.0);
@@ -298,7 +328,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         multiply(&mut ray.weights, &material.reflected);
         self.tally.accounts.book_gain(Account::Absorbed, &ray.weights, &incoming);
         let before = ray.weights;
-        multiply(&mut ray.weights, &diverted);
+        multiply(&mut ray.weights, &left);
         self.tally.accounts.book_gain(Account::Portals, &before, &ray.weights);
 
         if material.rain_probability > 0.0 && self.stream.uniform() < material.rain_probability {
@@ -395,42 +425,22 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         self.pending.push(child);
     }
 
-    /// Sends a share of a ray that hits the wall round a narrow opening through it. Returns whether the hit lies in the
-    /// capture region and its reflection makes up for what the opening passes beyond (or short of) its area.
-    fn capture(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) -> bool {
+    /// Sends a share of a ray that hits the wall round a narrow opening through it. Returns the share that is left: 1
+    /// outside the capture region.
+    fn capture(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) -> Lanes<N> {
         let passage = &self.stage.passages[portal];
         let sign = ray.direction.dot(passage.frame.normal).signum();
-        let Some(Captured { x_m, y_m, ratio }) = passage.captured(hit.point, sign) else { return false };
-        let diverts = stage_diverts(ratio);
-        let probability = self.split_probability(ray, hit.group, ratio);
-        if self.stream.uniform() >= probability {
-            return diverts;
+        let Some(Captured { x_m, y_m, ratio }) = passage.captured(hit.point, sign) else { return [1.0; N] };
+        let (passes, scale) = self.passing(ray, portal, ratio);
+        let left = passes.map(|p| 1.0 - p);
+        let probability = self.split_probability(ray, hit.group, f64::from(peak(&passes)));
+        if self.stream.uniform() < probability {
+            let child = self.branch(ray, &scale.map(|s| s * ratio as f32), probability);
+            self.tally.accounts.book(Account::Portals, &child.weights);
+            // The ray's strength is in the probability already.
+            self.cross(child, portal, (x_m, y_m), 1.0, hit);
         }
-        let child = self.branch(ray, &[ratio as f32; N], probability);
-        self.tally.accounts.book(Account::Portals, &child.weights);
-        // The ray's strength is in the probability already.
-        self.cross(child, portal, (x_m, y_m), 1.0, hit);
-        diverts
-    }
-
-    /// What an opening does not pass of a ray that hits it is reflected: the share 1 - tau, negative where it passes more
-    /// than the power that meets its area. So the two rooms together neither gain nor lose.
-    fn bounce(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) {
-        let share = self.stage.remainder[portal];
-        let largest = f64::from(peak(&share));
-        let probability = largest.min(1.0);
-        if largest == 0.0 || self.stream.uniform() >= probability {
-            return;
-        }
-        let mut child = self.branch(ray, &share, probability);
-        self.tally.accounts.book(Account::Portals, &child.weights);
-        let normal = self.stage.passages[portal].frame.normal;
-        child.direction = (ray.direction - normal * (2.0 * ray.direction.dot(normal))).normalize();
-        child.position = hit.point;
-        child.skip = Skip::reflected(hit);
-        child.last = Last::Specular;
-        child.reflections += 1;
-        self.pending.push(child);
+        left
     }
 
     /// A crossing of the portal at local (x, y) in m: what it sends to the probes at once, and the rays that go on.
@@ -453,19 +463,21 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         let s_i = to_local(ray.direction);
         ray.position = frame.point(x_m, y_m) + frame.normal * (0.5 * sign * passage.thickness);
         ray.length_m += passage.thickness;
+        // A field that has only been reflected by mirrors so far still differs from place to place over the opening.
+        let form = if ray.diffuse || ray.portals > 0 { Form::Marginal } else { Form::Signed };
         ray.portals += 1;
         ray.skip = Skip::passed(hit);
 
         if !self.is_covered(ray.diffuse, ray.reflections, ray.portals) {
             for probe in 0..stage.receivers.len() {
                 if stage.receivers[probe].at_crossing[portal] {
-                    self.rain_from_crossing(&ray, portal, (x_m, y_m), s_i, to_local, probe);
+                    self.rain_from_crossing(&ray, form, portal, (x_m, y_m), s_i, to_local, probe);
                 }
             }
         }
 
         let eagerness = if ray.explores(hit.group) { PORTAL_PARTS * self.budget() } else { 1.0 };
-        let gain = self.pilot_gain(portal, (x_m, y_m), s_i);
+        let gain = self.pilot_gain(form, portal, (x_m, y_m), s_i);
         let parts = (eagerness * strength * gain).round().clamp(1.0, MAX_PORTAL_PARTS) as u32;
         self.split += parts - 1;
         ray.weights.iter_mut().for_each(|w| *w /= parts as f32);
@@ -474,7 +486,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
             let mut child = ray;
             let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
             let u = [(f64::from(part) + u[0]) / f64::from(parts), u[1], u[2]];
-            let out = stage.scatter[portal].sample(x_m, y_m, s_i, u, &mut child.weights[..stage.bands]);
+            let out = stage.scatter[portal].sample(form, (x_m, y_m), s_i, u, &mut child.weights[..stage.bands]);
             let Some(out) = out else {
                 self.tally.accounts.book_gain(Account::Portals, &ray.weights, &[0.0; N]);
                 continue;
@@ -488,12 +500,12 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
 
     /// By which factor a crossing changes the largest weight: mean of a few draws that serve this purpose alone (a decision
     /// from the draws that count would bias them). Narrow openings pass many times the power of grazing rays.
-    fn pilot_gain(&mut self, portal: usize, (x_m, y_m): (f64, f64), s_i: DVec3) -> f64 {
+    fn pilot_gain(&mut self, form: Form, portal: usize, (x_m, y_m): (f64, f64), s_i: DVec3) -> f64 {
         let mut gain = 0.0;
         for _ in 0..PILOT_DRAWS {
             let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
             let mut weights = lanes::<N>(std::iter::repeat_n(1.0, self.stage.bands));
-            if self.stage.scatter[portal].sample(x_m, y_m, s_i, u, &mut weights[..self.stage.bands]).is_some() {
+            if self.stage.scatter[portal].sample(form, (x_m, y_m), s_i, u, &mut weights[..self.stage.bands]).is_some() {
                 gain += f64::from(peak(&weights)) / f64::from(PILOT_DRAWS);
             }
         }
@@ -504,6 +516,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
     fn rain_from_crossing(
         &mut self,
         ray: &Ray<N>,
+        form: Form,
         portal: usize,
         at_m: (f64, f64),
         s_i: DVec3,
@@ -523,7 +536,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
             return;
         }
         let mut density = [0.0; N];
-        stage.scatter[portal].density(at_m.0, at_m.1, s_i, s_o, &mut density[..stage.bands]);
+        stage.scatter[portal].density(form, at_m, s_i, s_o, &mut density[..stage.bands]);
         let factor = 4.0 * std::f64::consts::PI / r2;
         let mut received = density.map(|d| (d * factor) as f32);
         multiply(&mut received, &ray.weights);

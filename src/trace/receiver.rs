@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::lanes::Lanes;
 use super::portal::Passage;
-use super::{Crossing, TracePlan};
+use super::{Scattering, TracePlan};
 use crate::geometry::{Geometry, Skip};
 
 /// Directions of the fixed set that measures the visible part of the sphere.
@@ -41,7 +41,7 @@ pub(super) struct Receiver<const N: usize> {
 
 impl<const N: usize> Receiver<N> {
     /// Sets up the receiver at `position` in m.
-    pub(super) fn new<S: Crossing>(
+    pub(super) fn new<S: Scattering>(
         position: DVec3,
         geometry: &Geometry,
         passages: &[Passage],

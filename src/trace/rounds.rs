@@ -8,7 +8,7 @@ use super::random::Stream;
 use super::ray::{Ray, trace_ray};
 use super::stage::Stage;
 use super::tally::Tally;
-use super::{CHUNK_RAYS, Crossing, Ended, Ledger, Progress, TraceOutcome, TracePlan, Traced, Worst};
+use super::{CHUNK_RAYS, Ended, Ledger, Progress, Scattering, TraceOutcome, TracePlan, Traced, Worst};
 use crate::geometry::Geometry;
 use crate::scene::{Scene, SourceKind};
 
@@ -41,7 +41,7 @@ struct Part<const N: usize> {
 }
 
 /// Traces all point sources with N lanes a ray.
-pub(super) fn run<S: Crossing, const N: usize>(
+pub(super) fn run<S: Scattering, const N: usize>(
     scene: &Scene,
     geometry: &Geometry,
     scatter: &[S],
@@ -122,7 +122,7 @@ pub(super) fn run<S: Crossing, const N: usize>(
 }
 
 /// Traces one chunk of rays into its slot.
-fn trace_chunk<S: Crossing, const N: usize>(stage: &Stage<'_, S, N>, scene: &Scene, seed: u64, slot: &mut Slot<N>) {
+fn trace_chunk<S: Scattering, const N: usize>(stage: &Stage<'_, S, N>, scene: &Scene, seed: u64, slot: &mut Slot<N>) {
     slot.tally.clear();
     let source = &scene.sources[slot.source];
     for ray in slot.chunk * CHUNK_RAYS..(slot.chunk + 1) * CHUNK_RAYS {

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::lanes::{Lanes, lanes};
 use super::portal::{Passage, box_corners};
 use super::receiver::Receiver;
-use super::{Crossing, TracePlan};
+use super::{Scattering, TracePlan};
 use crate::geometry::Geometry;
 use crate::scene::{Material, Scene};
 
@@ -70,10 +70,6 @@ pub(super) struct Stage<'a, S, const N: usize> {
     pub(super) passages: Vec<Passage>,
     /// Per portal: portals with capture regions on the same wall, itself included.
     pub(super) companions: Vec<Vec<usize>>,
-    /// Per portal: share 1 - tau that a ray which hits it keeps (see `Walk::bounce`).
-    pub(super) remainder: Vec<Lanes<N>>,
-    /// Per portal: factor of the reflection of hits in its capture region.
-    pub(super) diverted: Vec<Lanes<N>>,
     pub(super) receivers: Vec<Receiver<N>>,
     /// Attenuation of the air in Np/m; `None`: none in any band.
     pub(super) air: Option<Lanes<N>>,
@@ -84,10 +80,15 @@ pub(super) struct Stage<'a, S, const N: usize> {
     pub(super) portal_order: u32,
 }
 
-impl<'a, S: Crossing, const N: usize> Stage<'a, S, N> {
+impl<'a, S: Scattering, const N: usize> Stage<'a, S, N> {
     /// Sets up a run.
     pub(super) fn new(scene: &Scene, geometry: &'a Geometry, scatter: &'a [S], plan: &TracePlan) -> Self {
-        let passages: Vec<Passage> = geometry.portals.iter().map(|p| Passage::new(p, scene, geometry)).collect();
+        let passages: Vec<Passage> = geometry
+            .portals
+            .iter()
+            .zip(scatter)
+            .map(|(p, s)| Passage::new(p, diffuse_gain(s, scene.bands.len()), scene, geometry))
+            .collect();
         let receivers = scene
             .probes
             .iter()
@@ -97,11 +98,6 @@ impl<'a, S: Crossing, const N: usize> Stage<'a, S, N> {
             let narrow = |p: &Passage| p.is_captured(1.0) || p.is_captured(-1.0);
             (0..passages.len()).filter(|&i| passages[i].group == group && narrow(&passages[i])).collect()
         };
-        let transmissions: Vec<Vec<f64>> = scatter.iter().map(|s| s.transmission(scene.bands.len())).collect();
-        let diverted = passages.iter().zip(&transmissions).map(|(passage, taus)| {
-            let r = passage.capture_ratio(1.0).max(passage.capture_ratio(-1.0)).min(0.99);
-            lanes(taus.iter().map(|tau| 1.0 - r * (tau - 1.0) / (1.0 - r)))
-        });
         let attenuation = &scene.air.attenuation_per_m;
         let speed_m_s = scene.air.speed_of_sound_m_s;
         Self {
@@ -116,8 +112,6 @@ impl<'a, S: Crossing, const N: usize> Stage<'a, S, N> {
                     .collect()
             }),
             companions: passages.iter().map(|p| captured(p.group)).collect(),
-            remainder: transmissions.iter().map(|t| lanes(t.iter().map(|tau| 1.0 - tau))).collect(),
-            diverted: diverted.collect(),
             passages,
             receivers,
             air: attenuation.iter().any(|&m| m > 0.0).then(|| lanes(attenuation.iter().copied())),
@@ -127,6 +121,25 @@ impl<'a, S: Crossing, const N: usize> Stage<'a, S, N> {
             portal_order: u32::try_from(plan.portal_order).unwrap_or(u32::MAX),
         }
     }
+}
+
+/// Largest transmitted over incident power of an opening in a diffuse field, over the bands.
+fn diffuse_gain(scatter: &impl Scattering, bands: usize) -> f64 {
+    const INCLINATIONS: usize = 16;
+    const TURNS: usize = 8;
+    let mut mean = vec![0.0; bands];
+    let mut share = vec![0.0; bands];
+    for i in 0..INCLINATIONS {
+        // Lambert's law: equal steps of the squared sine.
+        let sin2 = (i as f64 + 0.5) / INCLINATIONS as f64;
+        for turn in 0..TURNS {
+            let (sin, cos) = (std::f64::consts::TAU * (turn as f64 + 0.25) / TURNS as f64).sin_cos();
+            let s_i = DVec3::new(sin2.sqrt() * cos, sin2.sqrt() * sin, (1.0 - sin2).sqrt());
+            scatter.transmitted(s_i, &mut share);
+            mean.iter_mut().zip(&share).for_each(|(m, s)| *m += s / (INCLINATIONS * TURNS) as f32);
+        }
+    }
+    mean.iter().fold(0.0, |a, m| f64::max(a, f64::from(*m)))
 }
 
 /// The faces of all surfaces; `captures` gives the portals with capture regions on the faces of a group with a normal.

@@ -36,6 +36,21 @@ impl Spectrum {
         2.0 * self.separations(2.0 * l_m, delta)
     }
 
+    /// The mean of the weight (3) over an opening of `width_m`: (1/Lambda) a sinc^2(pi a Delta/Lambda), positive, its
+    /// integral over Delta 1. Mean over the band by three Gauss nodes (the lobe's side lobes need no more).
+    pub fn mean_weight(&self, width_m: f64, delta: f64) -> f64 {
+        const NODES: [(f64, f64); 3] =
+            [(-0.774_596_669_241_483_4, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.774_596_669_241_483_4, 5.0 / 18.0)];
+        let (centre, half) = (0.5 * (self.low_hz + self.high_hz), 0.5 * (self.high_hz - self.low_hz));
+        NODES
+            .iter()
+            .map(|(x, weight)| {
+                let per_wavelength = width_m * (centre + half * x) / self.speed_m_s;
+                weight * per_wavelength * sinc(PI * per_wavelength * delta).powi(2)
+            })
+            .sum()
+    }
+
     /// Band mean of the wavelength in m: c ln(f2/f1)/(f2 - f1).
     pub fn mean_wavelength_m(&self) -> f64 {
         let width = self.high_hz - self.low_hz;

@@ -4,7 +4,8 @@
 use diffray::geometry::Geometry;
 use diffray::probe::Echogram;
 use diffray::scene::*;
-use diffray::trace::{Crossing, TraceOutcome, TracePlan, trace};
+use diffray::trace::{Scattering, TraceOutcome, TracePlan, trace};
+use diffray::wbsdf::scatter::Form;
 use glam::DVec3;
 
 /// Speed of sound of all test rooms in m/s.
@@ -131,15 +132,15 @@ pub(crate) fn shoebox(size: [f64; 3], absorption: &[f64], scattering: &[f64]) ->
 /// What a portal does in scenes without one.
 pub(crate) struct Nothing;
 
-impl Crossing for Nothing {
-    fn transmission(&self, bands: usize) -> Vec<f64> {
-        vec![1.0; bands]
+impl Scattering for Nothing {
+    fn transmitted(&self, _: DVec3, out: &mut [f32]) {
+        out.fill(1.0);
     }
 
-    fn sample(&self, _: f64, _: f64, s_i: DVec3, _: [f64; 3], _: &mut [f32]) -> Option<DVec3> {
+    fn sample(&self, _: Form, _: (f64, f64), s_i: DVec3, _: [f64; 3], _: &mut [f32]) -> Option<DVec3> {
         Some(s_i)
     }
-    fn density(&self, _: f64, _: f64, _: DVec3, _: DVec3, out: &mut [f64]) {
+    fn density(&self, _: Form, _: (f64, f64), _: DVec3, _: DVec3, out: &mut [f64]) {
         out.fill(0.0);
     }
     fn lobe_sr(&self, _: usize) -> f64 {
@@ -153,7 +154,7 @@ pub(crate) fn run(scene: &Scene, plan: &TracePlan) -> TraceOutcome {
 }
 
 /// Traces a scene with the given portal behaviour.
-pub(crate) fn run_with<S: Crossing>(scene: &Scene, plan: &TracePlan, scatter: &[S]) -> TraceOutcome {
+pub(crate) fn run_with<S: Scattering>(scene: &Scene, plan: &TracePlan, scatter: &[S]) -> TraceOutcome {
     let geometry = Geometry::new(scene).expect("a sound scene");
     trace(scene, &geometry, scatter, plan, &|_| ()).expect("a sound plan")
 }
