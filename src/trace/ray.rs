@@ -29,6 +29,15 @@ const ROULETTE_ODDS: f32 = 4.0;
 /// After this many split-off rays the inclination of a history to split has halved: bounds the tree.
 const SPLIT_BUDGET: f64 = 16.0;
 
+/// Growth of the largest weight at a crossing that calls for no special care: the lobes of the bands differ.
+const ORDINARY_GAIN: f64 = 8.0;
+/// Rays into which one of full strength is split on its first passage of a portal.
+const PORTAL_PARTS: f64 = 4.0;
+/// The most rays of one crossing.
+const MAX_PORTAL_PARTS: f64 = 64.0;
+/// Draws that estimate a portal's gain.
+const PILOT_DRAWS: u32 = 4;
+
 /// Walls a ray remembers having passed. A second passage of the same wall (the way back) is sampled with its
 /// true probability instead of being forced.
 const REMEMBERED_GROUPS: usize = 4;
@@ -73,6 +82,26 @@ pub(super) struct Ray<const N: usize> {
 impl<const N: usize> Ray<N> {
     fn at(&self, t: f64) -> DVec3 {
         self.position + self.direction * t
+    }
+
+    /// Whether the wall or portal `group` leads somewhere this history has not been.
+    fn explores(&self, group: usize) -> bool {
+        self.passed_count < REMEMBERED_GROUPS && !self.passed[..self.passed_count].contains(&group)
+    }
+
+    /// Strength relative to the start of the branch.
+    fn strength(&self) -> f64 {
+        f64::from(peak(&self.weights) / self.reference)
+    }
+
+    /// Begins a branch beyond the wall or portal `group`, unless it is known: it is followed as far below its own start as
+    /// the ray it came from.
+    fn enter(&mut self, group: usize) {
+        if self.explores(group) {
+            self.passed[self.passed_count] = group;
+            self.passed_count += 1;
+            self.reference = peak(&self.weights).min(self.reference);
+        }
     }
 }
 
@@ -164,9 +193,8 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
                         return;
                     }
                     let local = passage.frame.local(hit.point);
-                    if !self.cross(&mut ray, portal, local.x, local.y, &hit) {
-                        return;
-                    }
+                    self.cross(ray, portal, (local.x, local.y), ray.strength(), &hit);
+                    return;
                 }
             }
         }
@@ -312,30 +340,23 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         diffuse
     }
 
-    /// Probability with which a ray that `strongest` of its power passes through the wall `group` is split off: high while the ray
-    /// is strong (the rays split off then have equal weights), never below what the power itself asks for.
+    /// Probability with which a ray that sends up to the share `strongest` of its power through the wall `group` is split:
+    /// high while the ray is strong (the rays split off then have equal weights), never below what the power itself asks for.
     fn split_probability(&self, ray: &Ray<N>, group: usize, strongest: f64) -> f64 {
         let analog = strongest.clamp(0.0, 1.0);
-        let known = &ray.passed[..ray.passed_count];
-        if known.len() == REMEMBERED_GROUPS || known.contains(&group) {
-            return analog;
-        }
-        let strength = f64::from(peak(&ray.weights) / ray.reference);
-        (strength * SPLIT_BUDGET / (SPLIT_BUDGET + f64::from(self.split))).min(1.0).max(analog)
+        if ray.explores(group) { (ray.strength() * self.budget()).min(1.0).max(analog) } else { analog }
+    }
+
+    /// Inclination to split, 1 at first, less in a history that has split often.
+    fn budget(&self) -> f64 {
+        SPLIT_BUDGET / (SPLIT_BUDGET + f64::from(self.split))
     }
 
     /// The branch split off from `ray` with probability `probability`, its weights times `share` over it.
-    fn branch(&mut self, ray: &Ray<N>, group: usize, share: &Lanes<N>, probability: f64) -> Ray<N> {
+    fn branch(&mut self, ray: &Ray<N>, share: &Lanes<N>, probability: f64) -> Ray<N> {
         self.split += 1;
         let mut child = *ray;
         multiply(&mut child.weights, &share.map(|s| (f64::from(s) / probability) as f32));
-        let known = &child.passed[..child.passed_count];
-        if child.passed_count < REMEMBERED_GROUPS && !known.contains(&group) {
-            child.passed[child.passed_count] = group;
-            child.passed_count += 1;
-            // A branch born weak is followed as far below its own start as the ray it came from.
-            child.reference = peak(&child.weights).min(child.reference);
-        }
         child
     }
 
@@ -346,7 +367,8 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         if self.stream.uniform() >= probability {
             return;
         }
-        let mut child = self.branch(ray, hit.group, transmission, probability);
+        let mut child = self.branch(ray, transmission, probability);
+        child.enter(hit.group);
         self.tally.accounts.book(Account::Transmitted, &child.weights);
         child.position = hit.point + inward * through_m;
         child.length_m += through_m;
@@ -364,19 +386,22 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         if self.stream.uniform() >= probability {
             return;
         }
-        let mut child = self.branch(ray, hit.group, &[ratio as f32; N], probability);
+        let child = self.branch(ray, &[ratio as f32; N], probability);
         self.tally.accounts.book(Account::Portals, &child.weights);
-        if self.cross(&mut child, portal, x_m, y_m, hit) {
-            self.pending.push(child);
-        }
+        // Where it explores, the ray's strength is in the probability already.
+        let strength = if ray.explores(hit.group) { 1.0 } else { child.strength() };
+        self.cross(child, portal, (x_m, y_m), strength, hit);
     }
 
-    /// A crossing of the portal at local (x, y): what it sends to the probes at once, and the ray's new direction. Returns
-    /// false if the ray ended.
+    /// A crossing of the portal at local (x, y) in m: what it sends to the probes at once, and the rays that go on.
     ///
-    /// The ray leaves from the far face at the same (x, y): a thick host's jambs play no part beyond what the scattering
+    /// On its first passage a ray of full `strength` goes on as several, each with its part of the power and of the random
+    /// numbers (stratified): crossings are rare, and one direction has to serve all bands, whose lobes differ in width. So
+    /// does any ray whose weights would outgrow the start of its branch.
+    ///
+    /// The rays leave from the far face at the same (x, y): a thick host's jambs play no part beyond what the scattering
     /// knows of them.
-    fn cross(&mut self, ray: &mut Ray<N>, portal: usize, x_m: f64, y_m: f64, hit: &Hit) -> bool {
+    fn cross(&mut self, mut ray: Ray<N>, portal: usize, (x_m, y_m): (f64, f64), strength: f64, hit: &Hit) {
         let stage = self.stage;
         let passage = &stage.passages[portal];
         let frame = &passage.frame;
@@ -394,22 +419,45 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         if !self.is_covered(ray.diffuse, ray.reflections, ray.portals) {
             for probe in 0..stage.receivers.len() {
                 if stage.receivers[probe].at_crossing[portal] {
-                    self.rain_from_crossing(ray, portal, (x_m, y_m), s_i, to_local, probe);
+                    self.rain_from_crossing(&ray, portal, (x_m, y_m), s_i, to_local, probe);
                 }
             }
         }
 
-        let before = ray.weights;
-        let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
-        let out = stage.scatter[portal].sample(x_m, y_m, s_i, u, &mut ray.weights[..stage.bands]);
-        let Some(out) = out else {
-            self.tally.accounts.book_gain(Account::Portals, &before, &[0.0; N]);
-            return false;
-        };
-        self.tally.accounts.book_gain(Account::Portals, &before, &ray.weights);
-        ray.direction = (frame.x * out.x + frame.y * out.y + frame.normal * (out.z * sign)).normalize();
-        ray.last = Last::Portal(portal);
-        true
+        let gain = self.pilot_gain(portal, (x_m, y_m), s_i) / ORDINARY_GAIN;
+        let eagerness = if ray.explores(hit.group) { PORTAL_PARTS * gain.max(1.0) } else { gain };
+        let parts = (eagerness * strength * self.budget()).round().clamp(1.0, MAX_PORTAL_PARTS) as u32;
+        self.split += parts - 1;
+        ray.weights.iter_mut().for_each(|w| *w /= parts as f32);
+        ray.enter(hit.group);
+        for part in 0..parts {
+            let mut child = ray;
+            let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
+            let u = [(f64::from(part) + u[0]) / f64::from(parts), u[1], u[2]];
+            let out = stage.scatter[portal].sample(x_m, y_m, s_i, u, &mut child.weights[..stage.bands]);
+            let Some(out) = out else {
+                self.tally.accounts.book_gain(Account::Portals, &ray.weights, &[0.0; N]);
+                continue;
+            };
+            self.tally.accounts.book_gain(Account::Portals, &ray.weights, &child.weights);
+            child.direction = (frame.x * out.x + frame.y * out.y + frame.normal * (out.z * sign)).normalize();
+            child.last = Last::Portal(portal);
+            self.pending.push(child);
+        }
+    }
+
+    /// By which factor a crossing changes the largest weight: mean of a few draws that serve this purpose alone (a decision
+    /// from the draws that count would bias them). Narrow openings pass many times the power of grazing rays.
+    fn pilot_gain(&mut self, portal: usize, (x_m, y_m): (f64, f64), s_i: DVec3) -> f64 {
+        let mut gain = 0.0;
+        for _ in 0..PILOT_DRAWS {
+            let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
+            let mut weights = lanes::<N>(std::iter::repeat_n(1.0, self.stage.bands));
+            if self.stage.scatter[portal].sample(x_m, y_m, s_i, u, &mut weights[..self.stage.bands]).is_some() {
+                gain += f64::from(peak(&weights)) / f64::from(PILOT_DRAWS);
+            }
+        }
+        gain
     }
 
     /// Next-event estimation from a crossing: 4 pi times power times density over r^2, in the bands with a broad lobe.

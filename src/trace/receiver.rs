@@ -20,6 +20,10 @@ const VISIBILITY_DIRECTIONS: usize = 4096;
 /// The radius shrinks to this share of the distance to the nearest portal, where the field varies quickly.
 const SHARE_OF_PORTAL_DISTANCE: f64 = 0.35;
 
+/// A lobe counts as broad if its solid angle is this many times that of the sphere: at equality both estimators have the
+/// same mean square, but the density in the middle of an opening is some four times its mean.
+const BROAD_LOBE: f64 = 4.0;
+
 /// One probe as the rays see it.
 pub(super) struct Receiver<const N: usize> {
     /// Centre in m.
@@ -56,7 +60,7 @@ impl<const N: usize> Receiver<N> {
             let sphere_sr = std::f64::consts::PI * (radius / d).powi(2);
             let mut mask = [1.0; N];
             for (b, slot) in mask.iter_mut().enumerate().take(bands) {
-                if scatter.lobe_sr(b) > sphere_sr {
+                if scatter.lobe_sr(b) > BROAD_LOBE * sphere_sr {
                     *slot = 0.0;
                 }
             }
