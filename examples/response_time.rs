@@ -18,9 +18,8 @@ fn bands(per_octave: f64) -> Vec<Band> {
 }
 
 fn reception(bands: &[Band]) -> Reception {
-    let spectrum = |r: f64| -> Vec<f64> {
-        bands.iter().map(|b| (-2e-9 * b.low_hz * b.high_hz * r).exp() / (r * r)).collect()
-    };
+    let spectrum =
+        |r: f64| -> Vec<f64> { bands.iter().map(|b| (-2e-9 * b.low_hz * b.high_hz * r).exp() / (r * r)).collect() };
     let paths: Vec<EarlyPath> = (0..60)
         .map(|i| {
             let r = 3.0 + 0.41 * f64::from(i) + 0.13 * f64::from(i * i % 11);
@@ -49,7 +48,13 @@ fn main() {
         let reception = reception(&bands);
         let options = RenderOptions { sample_rate_hz: 48_000, length_s: Some(1.5), seed: 1 };
         let best = |run: &dyn Fn()| {
-            (0..10).map(|_| { let start = Instant::now(); run(); start.elapsed().as_secs_f64() }).fold(f64::INFINITY, f64::min)
+            (0..10)
+                .map(|_| {
+                    let start = Instant::now();
+                    run();
+                    start.elapsed().as_secs_f64()
+                })
+                .fold(f64::INFINITY, f64::min)
         };
         let rendering = best(&|| drop(std::hint::black_box(render(&reception, &bands, &options))));
         let evaluating = best(&|| drop(std::hint::black_box(metrics(&reception, &bands))));

@@ -55,6 +55,20 @@ impl Error {
     }
 }
 
+impl Error {
+    /// The line of `text` in which the mistake stands with a caret under it, for a terminal; `None` where the error has no
+    /// place in it. `text` is the room file.
+    pub fn excerpt(&self, text: &str) -> Option<String> {
+        let Self::Input { place: Some(place), .. } = self else { return None };
+        let line = text.lines().nth(place.line.checked_sub(1)?)?;
+        let number = place.line.to_string();
+        // Tabs are kept, so that the caret stands where the terminal puts the character.
+        let before = line.chars().take(place.column.saturating_sub(1)).map(|c| if c == '\t' { '\t' } else { ' ' });
+        let gutter = " ".repeat(number.len());
+        Some(format!("{gutter} |\n{number} | {line}\n{gutter} | {}^", before.collect::<String>()))
+    }
+}
+
 fn place_prefix(place: &Option<Place>) -> String {
     place.as_ref().map(|p| format!("{p}: ")).unwrap_or_default()
 }
@@ -78,5 +92,37 @@ pub struct Warning {
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "warning: {}\n  {}", self.observation, self.remedy)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mistake(line: usize, column: usize) -> Error {
+        let place = Place { file: "rooms/hall.toml".into(), line, column };
+        Error::Input {
+            place: Some(place),
+            message: "absorption is 1.3, must lie in 0..=1".to_owned(),
+            hint: Some("a share of the energy, not a percentage".to_owned()),
+        }
+    }
+
+    #[test]
+    fn a_message_says_where_what_and_a_hint() {
+        assert_eq!(
+            mistake(12, 14).to_string(),
+            "rooms/hall.toml:12:14: absorption is 1.3, must lie in 0..=1\nhint: a share of the energy, not a percentage"
+        );
+        assert_eq!(Error::input("no", "yes").to_string(), "no\nhint: yes");
+    }
+
+    #[test]
+    fn the_caret_stands_under_the_mistake() {
+        let text = "name = \"Ä\"\nabsorption = 1.3\n";
+        assert_eq!(mistake(2, 14).excerpt(text).as_deref(), Some("  |\n2 | absorption = 1.3\n  |              ^"));
+        assert_eq!(mistake(1, 9).excerpt("name = \"Ä\"").as_deref(), Some("  |\n1 | name = \"Ä\"\n  |         ^"));
+        assert_eq!(mistake(9, 1).excerpt(text), None);
+        assert_eq!(Error::input("no", "yes").excerpt(text), None);
     }
 }

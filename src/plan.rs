@@ -181,7 +181,11 @@ impl Plan {
             if edge.felt {
                 let _ = writeln!(out, "Edge \"{}\": modelled (in reach of a source and a probe).", edge.name);
             } else {
-                let _ = writeln!(out, "Edge \"{}\": left out, changes levels by less than {:.2} dB.", edge.name, edge.bound_db);
+                let _ = writeln!(
+                    out,
+                    "Edge \"{}\": left out, changes levels by less than {:.2} dB.",
+                    edge.name, edge.bound_db
+                );
             }
         }
         match (&self.traced, &self.untraced_why) {
@@ -225,15 +229,14 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
                 } else if opening.is_slit() {
                     match (width_m, Form::of(&Mask::new(&[opening.open_x_m]), spectrum)) {
                         (None, _) => PortalModel::Edge,
-                        (_, Form::Exact) if scene.simulation.transport == Transport::Wbsdf => PortalModel::NarrowOpening,
+                        (_, Form::Exact) if scene.simulation.transport == Transport::Wbsdf => {
+                            PortalModel::NarrowOpening
+                        }
                         _ => PortalModel::Opening,
                     }
                 } else {
-                    let sides = Sides::of(
-                        opening.open_x_m[1] - opening.open_x_m[0],
-                        opening.y_m[1] - opening.y_m[0],
-                        spectrum,
-                    );
+                    let sides =
+                        Sides::of(opening.open_x_m[1] - opening.open_x_m[0], opening.y_m[1] - opening.y_m[0], spectrum);
                     match sides {
                         Sides::WideBoth | Sides::Paraxial => PortalModel::Opening,
                         _ if scene.simulation.transport == Transport::Paraxial => PortalModel::Opening,
@@ -329,7 +332,7 @@ fn trace_part(scene: &Scene, geometry: &Geometry, order: usize) -> (Option<Trace
 fn reverberation(scene: &Scene, geometry: &Geometry) -> Option<f64> {
     let positions = scene.sources.iter().map(|s| s.position_m).chain(scene.probes.iter().map(|p| p.position_m));
     positions
-        .filter_map(|p| geometry.enclosure(scene, p))
+        .filter_map(|p| geometry.enclosure(p, &scene.materials))
         .flat_map(|room| {
             let c = scene.air.speed_of_sound_m_s;
             let decay = 24.0 * std::f64::consts::LN_10 / c;
@@ -337,7 +340,7 @@ fn reverberation(scene: &Scene, geometry: &Geometry) -> Option<f64> {
                 .iter()
                 .zip(&scene.air.attenuation_per_m)
                 .map(|(a, m)| {
-                    let absorbed = -room.area_m2 * (1.0 - a.min(0.999)).ln() + 4.0 * m * room.volume_m3;
+                    let absorbed = -room.area_m2 * f64::ln(1.0 - a.min(0.999)) + 4.0 * m * room.volume_m3;
                     decay * room.volume_m3 / absorbed.max(1e-9)
                 })
                 .collect::<Vec<_>>()

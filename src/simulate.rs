@@ -82,8 +82,7 @@ pub fn run(
             Ended::NothingToTrace => "nothing to trace".to_owned(),
         },
     };
-    let (rays, hits, ledger) =
-        traced.map_or((0, 0, Vec::new()), |t| (t.rays.iter().sum(), t.hits, t.ledger));
+    let (rays, hits, ledger) = traced.map_or((0, 0, Vec::new()), |t| (t.rays.iter().sum(), t.hits, t.ledger));
     Ok(Outcome { receptions, warnings, rays, hits, stop, ledger, times_s })
 }
 
@@ -123,8 +122,7 @@ fn levels(scene: &Scene, paths: &[EarlyPath], echogram: Option<&Echogram>) -> Ve
         .map(|(b, band)| {
             let early: f64 = paths.iter().map(|p| p.intensity[b]).sum();
             let quadrature: f64 = paths.iter().map(|p| p.error[b]).sum();
-            let (late, statistics) =
-                echogram.map_or((0.0, 0.0), |e| (e.energy[b].iter().sum::<f64>(), e.std_error[b]));
+            let (late, statistics) = echogram.map_or((0.0, 0.0), |e| (e.energy[b].iter().sum::<f64>(), e.std_error[b]));
             let intensity = (early + late).max(0.0);
             BandLevel {
                 band_hz: band.nominal_hz,
@@ -182,7 +180,8 @@ fn silent_warnings(receptions: &[Reception]) -> Vec<Warning> {
         if !negative.is_empty() {
             warnings.push(Warning {
                 observation: format!("the sum over signed rays of {name} is not positive at {}", negative.join(", ")),
-                remedy: "its level is -inf and its error the size of the sum: trace more rays (max_rays, target_db)".to_owned(),
+                remedy: "its level is -inf and its error the size of the sum: trace more rays (max_rays, target_db)"
+                    .to_owned(),
             });
         }
     }

@@ -1,7 +1,7 @@
 //! Every mistake in a room file is told with its place, what is allowed, and a hint.
 //!
 //! Each file of tests/bad opens with its expectations as comments: `# expect:` a piece of the message, `# at:` line:column
-//! or "option" (the message names the option instead), `# set:` an override.
+//! or "option" (the message names the option instead) or file:line:column of a file beside it, `# set:` an override.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -49,6 +49,7 @@ fn every_bad_file_is_refused_with_its_place_and_a_hint() {
             ["option"] if message.starts_with("--set ") => {}
             ["option"] => failures.push(format!("{file}: the option is not named in\n    {message}")),
             [place] if message.starts_with(&format!("{}:{place}: ", path.display())) => {}
+            [place] if message.starts_with(&format!("{}: ", path.with_file_name(place).display())) => {}
             [place] => failures.push(format!("{file}: not at {place}:\n    {message}")),
             _ => failures.push(format!("{file}: needs one `# at:`")),
         }

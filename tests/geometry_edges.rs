@@ -294,6 +294,25 @@ fn openings_have_no_edges_of_their_own_and_the_options_turn_edges_off() {
 }
 
 #[test]
+fn a_closed_shell_shows_its_inner_edges_inside_and_its_outer_edges_outside() {
+    // the coarse ellipsoid pushed in at every other corner: wedges on both sides
+    let mut scene = empty();
+    let mut mesh = ellipsoid(1, v(1.0, 1.0, 1.0), DVec3::ZERO);
+    for p in mesh.triangles_m.iter_mut().flatten() {
+        if (p.x * 1e3).round() as i64 % 2 == 0 {
+            *p *= 0.7;
+        }
+    }
+    scene.meshes.push(mesh);
+    let both = edges(&scene);
+    let inner = edges(&with_source(scene.clone(), v(0.05, 0.02, 0.01)));
+    let outer = edges(&with_source(scene, v(3.0, 0.1, 0.2)));
+    assert!(!inner.is_empty() && !outer.is_empty());
+    assert_eq!(inner.len() + outer.len(), both.len(), "every edge has air on one side only");
+    assert!(inner.iter().all(|e| !outer.contains(e)));
+}
+
+#[test]
 fn edges_move_with_the_scene() {
     let scene = with_source(l_corridor(), v(1.0, 5.0, 1.5));
     let by = v(1e4, -2e4, 500.0);

@@ -13,7 +13,7 @@ fn build(scene: &diffray::scene::Scene) -> Geometry {
     Geometry::new(scene).expect("the scene is valid")
 }
 
-fn name<'a>(g: &'a Geometry, e: Element) -> &'a str {
+fn name(g: &Geometry, e: Element) -> &str {
     match e {
         Element::Surface(i) => &g.surfaces[i].name,
         Element::Portal(_) => "portal",
@@ -112,6 +112,86 @@ fn a_thick_wall_is_met_on_both_faces_and_its_group_counts_once() {
         let hits = g.segment(v(1.0, y, 1.0), v(7.0, y, 1.0), Skip::NONE, Skip::NONE);
         assert_eq!(hits.len(), 1, "{what}");
         assert!((hits[0].t - 2.9).abs() < EXACT_M);
+    }
+}
+
+#[test]
+fn a_ray_that_crosses_a_thick_wall_s_portal_downwards_meets_the_sill_and_then_the_other_room() {
+    // two boxes, facing sides open, a thick wall between them: below its door there is nothing but the sill
+    let mut scene = empty();
+    scene.boxes.push(room("left", v(0.0, 0.0, 0.0), v(3.9, 5.0, 3.0)));
+    scene.boxes.push(room("right", v(4.1, 0.0, 0.0), v(8.0, 5.0, 3.0)));
+    scene.boxes[0].faces[diffray::scene::Face::XMax as usize] = None;
+    scene.boxes[1].faces[diffray::scene::Face::XMin as usize] = None;
+    let mut partition = upright("partition", [4.0, 0.0], [4.0, 5.0], [0.0, 3.0]);
+    partition.thickness_m = 0.2;
+    scene.walls.push(partition);
+    scene.openings.push(door(&scene, 0, [1.0, 2.2], [0.0, 2.1], 1.2));
+    let one_box = partitioned(0.2, 1.2);
+    for (scene, what) in [(scene, "two boxes"), (one_box, "one box")] {
+        let g = build(&scene);
+        let d = v(1.0, 0.0, -0.1).normalize();
+        let portal = first(&g, v(3.8, 1.6, 0.02), d).expect("the door stands there");
+        assert_eq!(portal.element, Element::Portal(0));
+        let sill = g.closest(portal.point, d, f64::INFINITY, Skip::passed(&portal)).expect("the sill");
+        assert_eq!(name(&g, sill.element), "partition rim 1", "{what}");
+        assert!(sill.point.z.abs() < EXACT_M && sill.point.x > 3.9 && sill.point.x < 4.1);
+        let up = v(d.x, d.y, -d.z);
+        let beyond = g.closest(sill.point, up, f64::INFINITY, Skip::reflected(&sill)).expect("closed");
+        assert!((beyond.point.x - 8.0).abs() < EXACT_M, "{what}: the portal is crossed once: {beyond:?}");
+        // exactly over the sill as well
+        let low = g.closest(v(3.9, 1.6, 0.0), d, f64::INFINITY, Skip::passed(&portal)).expect("the sill");
+        assert_eq!((name(&g, low.element), low.t), ("partition rim 1", 0.0), "{what}");
+    }
+}
+
+#[test]
+fn whatever_passes_thick_walls_and_their_doors_stays_in_the_two_rooms() {
+    let mut two_boxes = empty();
+    two_boxes.boxes.push(room("left", v(0.0, 0.0, 0.0), v(3.9, 5.0, 3.0)));
+    two_boxes.boxes.push(room("right", v(4.1, 0.0, 0.0), v(8.0, 5.0, 3.0)));
+    two_boxes.boxes[0].faces[diffray::scene::Face::XMax as usize] = None;
+    two_boxes.boxes[1].faces[diffray::scene::Face::XMin as usize] = None;
+    let mut partition = upright("partition", [4.0, 0.0], [4.0, 5.0], [0.0, 3.0]);
+    partition.thickness_m = 0.2;
+    two_boxes.walls.push(partition);
+    two_boxes.openings.push(door(&two_boxes, 0, [1.0, 2.2], [0.0, 2.1], 0.3));
+    let mut n = Numbers(17);
+    for (transport, scene) in [
+        (Transport::Wbsdf, two_boxes.clone()),
+        (Transport::Geometric, two_boxes),
+        (Transport::Wbsdf, partitioned(0.2, 0.3)),
+        (Transport::Geometric, partitioned(0.2, 0.3)),
+    ] {
+        let mut scene = scene;
+        scene.simulation.transport = transport;
+        let g = build(&scene);
+        let (mut crossings, mut in_wall) = (0, 0);
+        for _ in 0..1_000 {
+            let (mut p, mut d) = (n.within(v(0.1, 0.1, 0.1), v(3.8, 4.9, 2.9)), n.direction());
+            let mut skip = Skip::NONE;
+            for _ in 0..200 {
+                let hit =
+                    g.closest(p, d, f64::INFINITY, skip).unwrap_or_else(|| panic!("lost at {p} along {d}, {skip:?}"));
+                assert!(hit.point.x > -1e-9 && hit.point.x < 8.0 + 1e-9 && hit.point.z > -1e-9);
+                let is_face = name(&g, hit.element) == "partition";
+                let passes = matches!(hit.element, Element::Portal(_)) || (is_face && n.unit() < 0.1);
+                in_wall += usize::from(hit.inside.is_some());
+                p = hit.point;
+                if passes {
+                    // a portal sends rays on in any direction across it
+                    d = n.direction().with_x(n.unit().copysign(d.x)).normalize();
+                    crossings += 1;
+                    skip = Skip::passed(&hit);
+                } else {
+                    let normal = g.planes()[hit.plane].normal;
+                    d -= normal * (2.0 * d.dot(normal));
+                    skip = Skip::reflected(&hit);
+                }
+            }
+        }
+        assert!(crossings > 100);
+        assert!(in_wall > 10, "some rays run steeply inside the wall");
     }
 }
 
@@ -226,12 +306,62 @@ fn an_unbounded_wall_has_no_border_and_its_slit_no_ends() {
 }
 
 #[test]
+fn a_thick_screen_has_its_portal_on_both_faces() {
+    let mut scene = empty();
+    let mut screen = upright("screen", [0.0, 0.0], [0.0, 1.0], [0.0, 1.0]);
+    (screen.unbounded, screen.thickness_m) = (true, 0.3);
+    scene.walls.push(screen);
+    scene.openings.push(hole(&scene, 0, [0.0, 0.5], [f64::NEG_INFINITY, f64::INFINITY]));
+    let g = build(&scene);
+    for (x, d) in [(-2.0, DVec3::X), (2.0, DVec3::NEG_X)] {
+        let portal = first(&g, v(x, 0.2, 9.0), d).expect("slit");
+        assert_eq!(portal.element, Element::Portal(0));
+        assert!((portal.t - 1.85).abs() < EXACT_M);
+        assert!(g.closest(portal.point, d, f64::INFINITY, Skip::passed(&portal)).is_none());
+        assert_eq!(name(&g, first(&g, v(x, 0.7, 9.0), d).expect("screen").element), "screen");
+    }
+}
+
+#[test]
+fn the_element_at_a_point_of_a_plane_is_what_a_ray_meets_there() {
+    let mut touching = partitioned(0.2, 0.3);
+    touching.boxes.push(room("next", v(8.0, 0.0, 0.0), v(12.0, 5.0, 3.0)));
+    let mut screens = empty();
+    let mut screen = upright("screen", [4.0, 0.0], [4.0, 1.0], [0.0, 1.0]);
+    screen.unbounded = true;
+    screens.walls.push(screen);
+    screens.openings.push(door(&screens, 0, [0.5, 2.5], [0.0, 2.0], 1.0));
+    let mut n = Numbers(3);
+    for scene in [touching, screens] {
+        let g = build(&scene);
+        for _ in 0..5_000 {
+            let (origin, d) = (n.within(v(0.1, 0.1, 0.1), v(11.9, 4.9, 2.9)), n.direction());
+            if let Some(hit) = first(&g, origin, d) {
+                assert_eq!(g.element_at(hit.plane, hit.point, d), Some(hit.element), "{origin} {d}");
+            }
+        }
+    }
+    let mut plain = partitioned(0.0, 0.3);
+    plain.simulation.transport = Transport::Geometric;
+    let g = build(&plain);
+    let plane = g.surfaces.iter().find(|s| s.name == "partition").expect("it is there").plane;
+    assert_eq!(g.element_at(plane, v(4.0, 1.1, 1.0), DVec3::X), None, "a plain hole");
+    assert_eq!(g.element_at(plane, v(4.0, 9.0, 1.0), DVec3::X), None, "beyond the wall");
+}
+
+#[test]
 fn crossing_sides_of_a_wall_are_an_error_and_an_empty_scene_is_none() {
     let mut scene = empty();
     let g = build(&scene);
     assert!(first(&g, DVec3::ZERO, DVec3::X).is_none());
     assert!(!g.blocked(DVec3::ZERO, DVec3::X, Skip::NONE, Skip::NONE));
     assert!(g.closest_surface_distance(DVec3::ZERO).is_infinite());
+    for odd in [DVec3::NAN, DVec3::INFINITY, DVec3::ZERO] {
+        let room = build(&partitioned(0.0, 0.3));
+        let _ = room.closest(odd, DVec3::X, f64::INFINITY, Skip::NONE);
+        assert!(room.closest(v(1.0, 1.0, 1.0), odd, f64::INFINITY, Skip::NONE).is_none());
+        assert!(!room.blocked(odd, odd, Skip::NONE, Skip::NONE));
+    }
     scene.walls.push(wall("bow", &[[0.0, 0.0, 0.0], [2.0, 2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]]));
     assert!(Geometry::new(&scene).is_err());
 }

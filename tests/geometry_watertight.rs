@@ -1,5 +1,5 @@
-//! No ray leaves a closed room, least of all one aimed exactly at an edge, corner or diagonal; and every distance equals
-//! that of a plain f64 loop over triangles.
+//! No ray leaves a closed room, least of all one aimed exactly at an edge, corner or diagonal; and every distance
+//! equals that of a plain f64 loop over triangles.
 
 mod geometry_scenes;
 
@@ -142,7 +142,8 @@ fn rays_parallel_to_the_axes_and_negative_zeros_do_not_escape() {
         for _ in 0..5_000 {
             let start = (case.inside)(&mut n);
             axes.iter().for_each(|d| check(start, *d));
-            // from a point exactly in line with a corner or a point of an edge: the ray ends on it, or runs along the boundary
+            // from a point exactly in line with a corner or a point of an edge: the ray ends on it, or runs along the
+            // boundary
             let target = case.targets[(n.unit() * case.targets.len() as f64) as usize];
             let goal = target[0].lerp(target[1], place(&mut n));
             let prism = i == 1; // the L keeps its cross-section only along z

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use diffray::error::Warning;
 use diffray::probe::{BandLevel, EarlyPath, Echogram, Reception};
 use diffray::report::{
-    Folder, Pair, ReferenceCurve, RoomText, Run, Series, Simulated, Swept, levels_table, rises, rises_table,
+    Folder, Pair, ReferenceCurve, Run, Series, Simulated, SweepValue, Swept, levels_table, rises, rises_table,
     write_bands, write_closing, write_metrics, write_sweep,
 };
 use diffray::response::{DecayTime, Metrics, Response};
-use diffray::scene::{Band, Edges, Output, Simulation, Transport};
+use diffray::scene::{Band, Edges, Output, RoomSource, Simulation, Transport};
 
 const OCTAVES: [f64; 8] = [63.0, 125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0];
 
@@ -18,11 +18,12 @@ fn run(name: &str) -> Run {
     let half = 2f64.sqrt();
     Run {
         name: name.into(),
-        room: RoomText {
+        source: RoomSource {
             file: PathBuf::from("rooms/door.toml"),
             text: "name = \"<Sliding> & door\"\n\n[bands]\nspacing = \"octave\"\n".into(),
-            overrides: vec!["opening.door.open_m=0.3".into()],
+            sha256: "0".repeat(64),
         },
+        set: vec!["opening.door.open_m=0.3".into()],
         bands: OCTAVES.iter().map(|&f| Band { nominal_hz: f, low_hz: f / half, high_hz: f * half }).collect(),
         simulation: Simulation {
             seed: 7,
@@ -92,6 +93,14 @@ fn swept(std_error_db: f64) -> Swept {
             (open_m, vec![pair("mic-1", 0.0), pair("mic-2", 6.0)])
         })
         .collect();
+    let values: Vec<SweepValue> = sets
+        .iter()
+        .map(|(value, receptions)| SweepValue {
+            value: *value,
+            receptions,
+            spl_1m_db: vec![("talker".into(), vec![79.15; 8])],
+        })
+        .collect();
     let reference = ReferenceCurve {
         label: "exact solution".into(),
         source: "talker".into(),
@@ -102,7 +111,7 @@ fn swept(std_error_db: f64) -> Swept {
     Swept {
         run: run("Sliding door, 1.2 m"),
         parameter: "opening.door.open_m".into(),
-        series: Series::collect(sets.iter().map(|(v, r)| (*v, r.as_slice()))),
+        series: Series::collect(&values),
         references: vec![reference],
     }
 }
@@ -180,7 +189,7 @@ fn bands_csv_reads_back_to_the_last_digit() {
 fn sweep_csv_has_one_row_a_value_and_series_in_ascending_order() {
     let results = swept(0.0);
     let mut text = Vec::new();
-    write_sweep(&mut text, &results.run, &results.series).unwrap();
+    write_sweep(&mut text, &results.series).unwrap();
     let (header, rows) = rows(&text);
     assert_eq!(header[..6], ["value", "source", "probe", "band_hz", "level_db", "std_error_db"]);
     assert_eq!(rows.len(), 61 * 2 * 8);

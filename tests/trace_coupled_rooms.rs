@@ -73,6 +73,10 @@ fn a_transmitting_wall_feeds_the_second_room_as_statistics_say() {
 struct PassThrough;
 
 impl Crossing for PassThrough {
+    fn transmission(&self, bands: usize) -> Vec<f64> {
+        vec![1.0; bands]
+    }
+
     fn sample(&self, _: f64, _: f64, s_i: DVec3, _: [f64; 3], _: &mut [f32]) -> Option<DVec3> {
         Some(s_i)
     }
@@ -91,6 +95,10 @@ struct Diffuser {
 }
 
 impl Crossing for Diffuser {
+    fn transmission(&self, bands: usize) -> Vec<f64> {
+        vec![1.0; bands]
+    }
+
     fn sample(&self, _: f64, _: f64, _: DVec3, u: [f64; 3], weights: &mut [f32]) -> Option<DVec3> {
         let factor = if u[2] < 0.75 { 2.0 } else { -2.0 };
         weights.iter_mut().for_each(|w| *w *= factor);

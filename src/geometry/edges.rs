@@ -1,11 +1,11 @@
 //! Edges round which sound bends: free borders of thin walls and convex wedges.
 //!
-//! Along every border of every sheet (box face, wall face, rim, mesh triangle) the half-planes that start from that line are
-//! collected, wherever they belong to a border or to the middle of another sheet, and sorted by angle. A sector
-//! of air between two neighbours wider than 180 + 5 degrees is an edge; a single half-plane is a free edge of 360 degrees.
-//! Where the half-planes change along a border it is divided, collinear parts with the same wedge are joined again, and
-//! sectors that the air of the sources and probes does not reach (the outside of a closed room) are dropped. Borders that an opening
-//! touches are left to its portal.
+//! Along every border of every sheet (box face, wall face, rim, mesh triangle) the half-planes that start from that
+//! line are collected, wherever they belong to a border or to the middle of another sheet, and sorted by angle. A
+//! sector of air between two neighbours wider than 180 + 5 degrees is an edge; a single half-plane is a free edge of
+//! 360 degrees. Where the half-planes change along a border it is divided, collinear parts with the same wedge are
+//! joined again, and sectors that the air of the sources and probes does not reach (the outside of a closed room) are
+//! dropped. Borders that an opening touches are left to its portal.
 
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
@@ -80,14 +80,14 @@ pub(crate) fn find(scene: &Scene, geometry: &Geometry, sheets: &[Sheet]) -> Vec<
     for (facet, a, b) in finder.mesh_borders() {
         finder.border(sheets.len() + facet, a, b, &mut edges);
     }
-    let region = Region::new(scene, geometry);
+    let mut region = Region::new(scene, geometry);
     let mut edges = join(edges);
-    edges.retain(|e| lies_in(&region, geometry, e));
+    edges.retain(|e| lies_in(&mut region, geometry, e));
     edges
 }
 
 /// Whether the air of the sources and probes reaches the edge anywhere.
-fn lies_in(region: &Region, geometry: &Geometry, edge: &Edge) -> bool {
+fn lies_in(region: &mut Region, geometry: &Geometry, edge: &Edge) -> bool {
     let (sin, cos) = (0.5 * edge.exterior_angle).sin_cos();
     let off = (edge.face_a * cos + edge.normal_a * sin) * INTO_AIR_M.min(0.01 * edge.length_m);
     [0.5, 0.31, 0.77].iter().any(|&f| region.reaches(geometry, edge.point(f * edge.length_m) + off))
@@ -212,7 +212,8 @@ impl<'a> Finder<'a> {
         }
     }
 
-    /// The edge, its direction turned to growing x (else y, else z), so that parts of one edge found from different borders agree.
+    /// The edge, its direction turned to growing x (else y, else z), so that parts of one edge found from different
+    /// borders agree.
     fn edge(&self, from: DVec3, to: DVec3, along: DVec3, faces: [Half; 2], exterior_angle: f64) -> Edge {
         let [first, second] = faces;
         let leading = along.to_array().into_iter().find(|c| c.abs() > SAME_ANGLE).unwrap_or(1.0);
@@ -239,6 +240,7 @@ impl<'a> Finder<'a> {
                 self.geometry.surfaces[element as usize].name.as_str()
             }
         };
+        let (first, second) = if second.ordinal < first.ordinal { (second, first) } else { (first, second) };
         let (a, b) = (name(first), name(second));
         if a == b { format!("{a} edge") } else { format!("{a} / {b}") }
     }

@@ -5,11 +5,14 @@ use glam::DVec3;
 /// Set in [`Facet::element`] for portals; the other bits are the index.
 pub(crate) const PORTAL_BIT: u32 = 1 << 31;
 
+/// Set in [`Facet::group`] for the rims of thick walls.
+const RIM_BIT: u32 = 1 << 31;
+
 /// A triangle or parallelogram, 128 bytes, coordinates relative to the scene's centre.
 ///
 /// A ray meets the plane at t = (d - n.o)/(n.s); the point lies inside if its two affine coordinates (1 at the far
-/// side) satisfy u >= 0, v >= 0 and u + v <= 1 (triangle) or u <= 1, v <= 1 (parallelogram). Every limit is widened by the
-/// scene's rounding margin in m, so that neighbours overlap and nothing passes between them.
+/// side) satisfy u >= 0, v >= 0 and u + v <= 1 (triangle) or u <= 1, v <= 1 (parallelogram). Every limit is widened
+/// by the scene's rounding margin in m, so that neighbours overlap and nothing passes between them.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Facet {
     normal: DVec3,
@@ -23,8 +26,7 @@ pub(crate) struct Facet {
     limit_sum: f64,
     /// Plane id.
     pub(crate) plane: u32,
-    /// Group id.
-    pub(crate) group: u32,
+    group: u32,
 }
 
 /// The corner and sides a facet is made of, and what it belongs to.
@@ -46,6 +48,8 @@ pub(crate) struct FacetShape {
     pub(crate) plane: u32,
     /// Group id.
     pub(crate) group: u32,
+    /// Whether it is the rim of a thick wall.
+    pub(crate) is_rim: bool,
 }
 
 impl FacetShape {
@@ -101,25 +105,43 @@ impl Facet {
             margin_v: margin_m * gradient_v.length(),
             limit_sum: if shape.parallelogram { 3.0 } else { 1.0 + margin_m * (gradient_u + gradient_v).length() },
             plane: shape.plane,
-            group: shape.group,
+            group: if shape.is_rim { shape.group | RIM_BIT } else { shape.group },
         };
         (gradient_u.is_finite() && gradient_v.is_finite()).then_some(facet)
     }
 
-    /// Distance along the ray from `origin` (relative to the scene's centre) to the facet, if it meets it; may be negative.
+    /// Distance along the ray from `origin` (relative to the scene's centre) to the facet, if it meets it; may be
+    /// negative.
     #[inline(always)]
     pub(crate) fn meet(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
         let t = (self.distance - self.normal.dot(origin)) / self.normal.dot(direction);
-        let p = origin + direction * t;
+        // a ray parallel to the plane has t = inf or NaN and fails here
+        self.contains(origin + direction * t).then_some(t)
+    }
+
+    /// Whether the projection of a point (relative to the scene's centre) on the plane lies in the facet, borders
+    /// included.
+    #[inline(always)]
+    pub(crate) fn contains(&self, p: DVec3) -> bool {
         let u = self.gradient_u.dot(p) + self.offset_u;
         let v = self.gradient_v.dot(p) + self.offset_v;
-        // a ray parallel to the plane has t = inf or NaN and fails here
-        let inside = (u >= -self.margin_u)
+        (u >= -self.margin_u)
             & (v >= -self.margin_v)
             & (u <= 1.0 + self.margin_u)
             & (v <= 1.0 + self.margin_v)
-            & (u + v <= self.limit_sum);
-        inside.then_some(t)
+            & (u + v <= self.limit_sum)
+    }
+
+    /// Group id.
+    #[inline(always)]
+    pub(crate) fn group(&self) -> u32 {
+        self.group & !RIM_BIT
+    }
+
+    /// Whether a ray would leave a thick wall sideways here.
+    #[inline(always)]
+    pub(crate) fn is_rim_from_within(&self, direction: DVec3) -> bool {
+        self.group & RIM_BIT != 0 && self.normal.dot(direction) > 0.0
     }
 
     /// Whether the ray runs against the normal.

@@ -1,15 +1,17 @@
 //! The scene's surfaces and portals as rays meet them.
 //!
-//! Every surface is cut into triangles and parallelograms (openings and door leaves included), found through a bounding
-//! volume tree and tested inclusively in f64, so that no ray passes between neighbours, not even one aimed exactly at
-//! an edge. Two numbers steer what a ray may meet after an event: the *plane* a surface lies in, skipped after a reflection
-//! (no self hits, no nudged origins), and the *group* of a wall or box face, skipped too after a transmission or the crossing of a portal (the
-//! faces of a thick wall count once).
+//! Every surface is cut into triangles and parallelograms (openings and door leaves included), found through a
+//! bounding volume tree and tested inclusively in f64, so that no ray passes between neighbours, not even one aimed
+//! exactly at an edge. Two numbers steer what a ray may meet after an event: the *plane* a surface lies in, skipped
+//! after a reflection (no self hits, no nudged origins), and the *group* of a wall or box face, skipped too after a
+//! transmission or the crossing of a portal (the faces of a thick wall count once).
 
 mod bvh;
 mod cut;
 mod edges;
+mod enclosure;
 mod facet;
+mod openings;
 mod patches;
 mod planes;
 mod query;
@@ -29,6 +31,7 @@ use bvh::FacetTree;
 use screen::Screen;
 
 pub use edges::Edge;
+pub use enclosure::Enclosure;
 pub use planes::Plane;
 pub use surfaces::face_frame;
 
@@ -54,6 +57,9 @@ pub struct Hit {
     pub plane: usize,
     /// Group id: equal for all parts of one wall, one box face or one flat patch of a mesh.
     pub group: usize,
+    /// The group of the thick wall that the ray is passing through, if it meets one of the wall's rims from within:
+    /// still to be skipped after a reflection there, since the wall or portal was counted when the ray went in.
+    pub inside: Option<usize>,
 }
 
 /// A flat piece of the boundary.
@@ -107,7 +113,7 @@ impl Skip {
 
     /// For a ray reflected at `hit`.
     pub fn reflected(hit: &Hit) -> Self {
-        Self { plane: Some(hit.plane), group: None }
+        Self { plane: Some(hit.plane), group: hit.inside }
     }
 
     /// For a ray that passed through the wall or portal at `hit`.
@@ -138,9 +144,6 @@ pub struct Geometry {
 /// Rounding margin relative to the largest coordinate: thousands of f64 roundings, and far below any acoustic length.
 const ROUNDING: f64 = 1e-12;
 
-/// Relative length within which a corner counts as lying on a cut.
-const FLUSH: f64 = 1e-10;
-
 impl Geometry {
     /// Builds all surfaces, portals and the search tree.
     ///
@@ -149,7 +152,7 @@ impl Geometry {
         let (centre_m, extent_m) = centre_and_extent(scene);
         let largest = extent_m.max((extent_m + centre_m.abs().max_element()) * f64::from(centre_m != DVec3::ZERO));
         let margin_m = ROUNDING * largest.max(1.0) + 2.0 * unevenness(scene);
-        let parts = surfaces::Builder::new(scene, centre_m, extent_m, FLUSH * extent_m).build()?;
+        let parts = surfaces::Builder::new(scene, centre_m, extent_m, 0.5 * margin_m).build()?;
         let mut geometry = Self {
             tree: FacetTree::new(parts.shapes, margin_m),
             surfaces: parts.surfaces,
@@ -191,8 +194,8 @@ fn corners(scene: &Scene) -> Vec<DVec3> {
     scene.sources.iter().map(|s| s.position_m).chain(scene.probes.iter().map(|p| p.position_m)).collect()
 }
 
-/// The origin of internal coordinates and the largest distance of a corner from it. The given origin is kept where it is
-/// near enough, else the middle rounded to metres, so that the subtraction rounds as little as possible.
+/// The origin of internal coordinates and the largest distance of a corner from it. The given origin is kept where it
+/// is near enough, else the middle rounded to metres, so that the subtraction rounds as little as possible.
 fn centre_and_extent(scene: &Scene) -> (DVec3, f64) {
     let corners = corners(scene);
     let (low, high) =

@@ -74,8 +74,8 @@ pub(crate) fn patches(mesh: &Mesh, book: &mut PlaneBook, weld_m: f64) -> Vec<Pat
     }
     let mut patches: Vec<Patch> = Vec::new();
     let mut of_root: HashMap<usize, usize> = HashMap::new();
-    for i in 0..planes.len() {
-        let Some(plane) = planes[i] else { continue };
+    for (i, plane) in planes.iter().enumerate() {
+        let Some(plane) = *plane else { continue };
         let r = root(&mut parent, i);
         let at = *of_root.entry(r).or_insert_with(|| {
             patches.push(Patch { triangles: Vec::new(), plane, material: mesh.materials[i] });

@@ -21,6 +21,10 @@ pub(crate) const COPLANAR_M: f64 = 1e-6;
 /// Width of a hash cell: of the components of the normal, and of the offset over the scene's extent.
 const CELL: f64 = 1e-3;
 
+/// Share of a cell next to its border from which the neighbouring cell is searched too: triangles of 1 cm with corners
+/// rounded to 1e-6 m tilt by a tenth of a cell.
+const BORDER: f64 = 0.1;
+
 /// Hands out plane ids, in near-linear time.
 pub(crate) struct PlaneBook {
     centre: DVec3,
@@ -54,10 +58,18 @@ impl PlaneBook {
         let &point_m = points_m.first()?;
         let cell = self.cell(normal, point_m);
         let base = cell.map(|c| c.floor() as i64);
-        let step = cell.map(|c| if c - c.floor() < 0.5 { -1 } else { 1 });
+        let step = cell.map(|c| match c - c.floor() {
+            f if f < BORDER => -1,
+            f if f > 1.0 - BORDER => 1,
+            _ => 0,
+        });
         let mut best = None;
         for corner in 0..16u32 {
-            let key = std::array::from_fn(|i| if corner >> i & 1 == 1 { base[i] + step[i] } else { base[i] });
+            if (0..4).any(|i| corner >> i & 1 == 1 && step[i] == 0) {
+                continue;
+            }
+            let key =
+                std::array::from_fn(|i| if corner >> i & 1 == 1 { base[i].saturating_add(step[i]) } else { base[i] });
             for &id in self.cells.get(&key).into_iter().flatten() {
                 let plane = &self.planes[id];
                 let off = |p: &DVec3| plane.normal.dot(*p - plane.point_m).abs() > COPLANAR_M;

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::facet::PORTAL_BIT;
+use super::planes::COPLANAR_M;
 use super::{Element, Geometry, Hit, Skip};
 
 /// Two hits nearer than this times (1 + distance in m) are at the same distance.
@@ -29,12 +30,23 @@ impl Skipped {
     }
 }
 
+/// How a surface is met; of hits at equal distance the lower one counts.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Side {
+    /// The rim of the thick wall that the ray is passing through, from within.
+    Within,
+    /// A surface that faces the ray, or has two sides.
+    Front,
+    /// A one-sided surface from behind.
+    Back,
+}
+
 /// A hit in the making.
 #[derive(Clone, Copy)]
 struct Candidate {
     t: f64,
-    /// Surfaces that face the ray come before those seen from behind, lower indices before higher ones.
-    rank: (bool, u32),
+    /// Then the lower index counts, surfaces before portals.
+    rank: (Side, u32),
     plane: u32,
     group: u32,
 }
@@ -42,24 +54,25 @@ struct Candidate {
 impl Geometry {
     /// The nearest surface or portal along the ray from `origin` (m) in the unit `direction`, nearer than `t_max` (m).
     ///
-    /// At equal distance (within 1e-9 (1 + t)) the surface whose normal faces the ray wins, then the lower index, surfaces before
-    /// portals. A one-sided surface within rounding of the origin is met if the ray runs against its normal, any other if it
-    /// does not lie behind the origin.
+    /// At equal distance (within 1e-9 (1 + t)) the surface whose normal faces the ray wins, then the lower index,
+    /// surfaces before portals. A one-sided surface within rounding of the origin is met if the ray runs against its
+    /// normal, any other if it does not lie behind the origin. A skipped group still shows the rims of its wall from
+    /// within, so that a ray which passes a thick wall or its portal leaves it through a face and not sideways (see
+    /// [`Hit::inside`]).
     pub fn closest(&self, origin: DVec3, direction: DVec3, t_max: f64, skip: Skip) -> Option<Hit> {
         let skip = Skipped::from(skip);
         let o = origin - self.centre_m;
         let mut best: Option<Candidate> = None;
         let mut limit = t_max;
-        let mut consider = |limit: &mut f64, t: f64, element: u32, plane: u32, group: u32, faces: bool| {
+        // answers whether the hit counts, and shortens the ray
+        let mut consider = |limit: &mut f64, t: f64, rank: (Side, u32), plane: u32, group: u32| {
             // t may be NaN: written so that NaN fails
             if !(t >= -self.tolerance_m && t < *limit) {
                 return false;
             }
-            let one_sided = self.is_one_sided(element);
-            if t <= self.tolerance_m && !(if one_sided { faces } else { t >= 0.0 }) {
+            if t <= self.tolerance_m && (rank.0 == Side::Back || (t < 0.0 && !self.is_one_sided(rank.1))) {
                 return false;
             }
-            let rank = (one_sided && !faces, element);
             if let Some(b) = best {
                 let same = (t - b.t).abs() <= TIE * (1.0 + b.t);
                 if (same && (rank > b.rank || (rank == b.rank && t >= b.t))) || (!same && t > b.t) {
@@ -71,30 +84,30 @@ impl Geometry {
             true
         };
         for screen in &self.screens {
-            let (plane, group) = (screen.plane as u32, screen.group as u32);
-            if !skip.covers(plane, group)
-                && let Some((t, element, group)) = screen.meet(o, direction)
-                && !skip.covers(plane, group as u32)
+            if let Some((t, element, group)) = screen.meet(o, direction)
+                && !skip.covers(screen.plane as u32, group as u32)
             {
-                consider(&mut limit, t, element, plane, group as u32, screen.faces(direction));
+                let rank = (self.side(element, screen.faces(direction)), element);
+                consider(&mut limit, t, rank, screen.plane as u32, group as u32);
             }
         }
         self.tree.visit(o, direction, limit, |i, facet| {
-            if skip.covers(facet.plane, facet.group) {
+            let within = facet.group() == skip.group && facet.is_rim_from_within(direction);
+            if facet.plane == skip.plane || (facet.group() == skip.group && !within) {
                 return None;
             }
-            let t = facet.meet(o, direction)?;
+            let t = facet.meet(o, direction).filter(|&t| t < limit)?;
             let element = self.tree.shapes[i].element;
-            let found = t < limit && consider(&mut limit, t, element, facet.plane, facet.group, facet.faces(direction));
-            found.then_some(limit)
+            let side = if within { Side::Within } else { self.side(element, facet.faces(direction)) };
+            consider(&mut limit, t, (side, element), facet.plane, facet.group()).then_some(limit)
         });
         best.map(|b| self.hit(origin, direction, b))
     }
 
     /// Whether any surface or portal lies strictly between two points (m).
     ///
-    /// Hits within 1e-9 (1 + length) of an end point do not block. The skips name what the end points stand on and hold along the whole
-    /// segment. Points on an edge of a solid need none.
+    /// Hits within 1e-9 (1 + length) of an end point do not block. The skips name what the end points stand on and
+    /// hold along the whole segment. Points on an edge of a solid need none.
     pub fn blocked(&self, from: DVec3, to: DVec3, skip_from: Skip, skip_to: Skip) -> bool {
         let Some((direction, range)) = self.between(from, to) else { return false };
         let (a, b) = (Skipped::from(skip_from), Skipped::from(skip_to));
@@ -111,7 +124,7 @@ impl Geometry {
         }
         let mut blocked = false;
         self.tree.visit(o, direction, range.end, |_, facet| {
-            if skipped(facet.plane, facet.group) {
+            if skipped(facet.plane, facet.group()) {
                 return None;
             }
             let t = facet.meet(o, direction)?;
@@ -121,8 +134,8 @@ impl Geometry {
         blocked
     }
 
-    /// Everything strictly between two points (m) in order, each group once and of touching surfaces in one plane the one that
-    /// faces the ray: multiply the transmission of the surfaces, stop at a portal.
+    /// Everything strictly between two points (m) in order, each group once and of touching surfaces in one plane the
+    /// one that faces the ray: multiply the transmission of the surfaces, stop at a portal.
     ///
     /// End points and skips as in [`Geometry::blocked`]; `t` counts from `from`.
     pub fn segment(&self, from: DVec3, to: DVec3, skip_from: Skip, skip_to: Skip) -> Vec<Hit> {
@@ -132,7 +145,7 @@ impl Geometry {
         let mut found: Vec<Candidate> = Vec::new();
         let mut consider = |t: f64, element: u32, plane: u32, group: u32, faces: bool| {
             if range.contains(&t) && !a.covers(plane, group) && !b.covers(plane, group) {
-                let rank = (self.is_one_sided(element) && !faces, element);
+                let rank = (self.side(element, faces), element);
                 found.push(Candidate { t, rank, plane, group });
             }
         };
@@ -143,7 +156,7 @@ impl Geometry {
         }
         self.tree.visit(o, direction, range.end, |i, facet| {
             if let Some(t) = facet.meet(o, direction) {
-                consider(t, self.tree.shapes[i].element, facet.plane, facet.group, facet.faces(direction));
+                consider(t, self.tree.shapes[i].element, facet.plane, facet.group(), facet.faces(direction));
             }
             None
         });
@@ -172,6 +185,27 @@ impl Geometry {
         facets.chain(self.screens.iter().map(|s| s.distance(p))).fold(f64::INFINITY, f64::min)
     }
 
+    /// The surface or portal of a plane (index in [`Geometry::planes`]) at a point of it (m), for a ray that arrives
+    /// along `direction`; `None` where the plane has a hole or ends. For the mirror points of image sources.
+    pub fn element_at(&self, plane: usize, point: DVec3, direction: DVec3) -> Option<Element> {
+        let p = point - self.centre_m;
+        let mut best: Option<(Side, u32)> = None;
+        let mut consider = |rank: (Side, u32)| best = Some(best.map_or(rank, |b| b.min(rank)));
+        for screen in self.screens.iter().filter(|s| s.plane == plane) {
+            if let Some(element) = screen.element(p) {
+                consider((self.side(element, screen.faces(direction)), element));
+            }
+        }
+        let near = DVec3::splat(COPLANAR_M);
+        self.tree.overlapping(p - near, p + near, |i| {
+            let (facet, shape) = (&self.tree.facets[i], &self.tree.shapes[i]);
+            if shape.plane as usize == plane && facet.contains(p) {
+                consider((self.side(shape.element, facet.faces(direction)), shape.element));
+            }
+        });
+        best.map(|(_, element)| decode(element))
+    }
+
     /// Unit direction and the open range of distances strictly between two points; `None` if they coincide.
     fn between(&self, from: DVec3, to: DVec3) -> Option<(DVec3, std::ops::Range<f64>)> {
         let length = (to - from).length();
@@ -184,10 +218,20 @@ impl Geometry {
         element & PORTAL_BIT == 0 && self.surfaces[element as usize].one_sided
     }
 
+    #[inline(always)]
+    fn side(&self, element: u32, faces: bool) -> Side {
+        if self.is_one_sided(element) && !faces { Side::Back } else { Side::Front }
+    }
+
     fn hit(&self, origin: DVec3, direction: DVec3, c: Candidate) -> Hit {
         let t = c.t.max(0.0);
-        let index = (c.rank.1 & !PORTAL_BIT) as usize;
-        let element = if c.rank.1 & PORTAL_BIT == 0 { Element::Surface(index) } else { Element::Portal(index) };
-        Hit { t, point: origin + direction * t, element, plane: c.plane as usize, group: c.group as usize }
+        let (element, group) = (decode(c.rank.1), c.group as usize);
+        let inside = (c.rank.0 == Side::Within).then_some(group);
+        Hit { t, point: origin + direction * t, element, plane: c.plane as usize, group, inside }
     }
+}
+
+fn decode(element: u32) -> Element {
+    let index = (element & !PORTAL_BIT) as usize;
+    if element & PORTAL_BIT == 0 { Element::Surface(index) } else { Element::Portal(index) }
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::walk::{Stop, Walk, spread};
+use super::walk::{Walk, spread};
 use super::{Element, Geometry, Skip};
 use crate::scene::{Scene, SourceKind};
 
@@ -12,10 +12,24 @@ const MAX_SEEDS: usize = 64;
 const WALKS: usize = 64;
 const STOPS: usize = 16;
 
+/// At most this many points known to lie elsewhere are kept.
+const MAX_APART: usize = 64;
+
 /// The air in which the sources and probes stand.
 pub(crate) struct Region {
-    seeds: Vec<DVec3>,
+    /// Points in it: sources and probes first.
+    inside: Vec<DVec3>,
+    /// Points in other, closed regions.
+    apart: Vec<DVec3>,
+    /// Whether it is unbounded.
     open: bool,
+}
+
+/// What is known about a point.
+enum Verdict {
+    Inside,
+    Apart,
+    Unknown,
 }
 
 impl Region {
@@ -30,41 +44,64 @@ impl Region {
         }
         seeds.extend(scene.probes.iter().map(|p| p.position_m));
         let step = seeds.len().div_ceil(MAX_SEEDS).max(1);
-        let seeds: Vec<DVec3> = seeds.into_iter().step_by(step).collect();
+        let inside: Vec<DVec3> = seeds.into_iter().step_by(step).collect();
         let escapes = |seed: &DVec3| (0..WALKS).any(|i| walk_escapes(geometry, *seed, i));
-        open |= seeds.is_empty() || seeds.iter().any(escapes);
-        Self { seeds, open }
+        open |= inside.is_empty() || inside.iter().any(escapes);
+        Self { inside, apart: Vec::new(), open }
     }
 
-    /// Whether sound can go from a seed to `point` (m) through the air; unbounded air is one region. A point counts as outside
-    /// only if none of its walks finds a seed.
-    pub(crate) fn reaches(&self, geometry: &Geometry, point: DVec3) -> bool {
-        if self.seeds.is_empty() || self.sees_a_seed(geometry, point) {
+    /// Whether sound can go from a source or probe to `point` (m) through the air; unbounded air is one region. A
+    /// point counts as outside only if none of its walks finds the region.
+    pub(crate) fn reaches(&mut self, geometry: &Geometry, point: DVec3) -> bool {
+        if self.inside.is_empty() {
             return true;
+        }
+        match self.explore(geometry, point) {
+            Verdict::Inside => true,
+            Verdict::Apart => false,
+            Verdict::Unknown => {
+                if self.apart.len() < MAX_APART {
+                    self.apart.push(point);
+                }
+                false
+            }
+        }
+    }
+
+    fn explore(&self, geometry: &Geometry, point: DVec3) -> Verdict {
+        let anywhere = |_: DVec3| true;
+        match self.seen(geometry, point, Skip::NONE, anywhere) {
+            Verdict::Unknown => {}
+            known => return known,
         }
         for i in 0..WALKS {
             let mut walk = Walk::new(geometry, point, spread(i, WALKS), i);
             for _ in 0..STOPS {
-                match walk.next() {
-                    None => return self.open,
-                    Some(stop) if self.sees_a_seed_from(geometry, &stop) => return true,
-                    Some(_) => {}
+                let Some(stop) = walk.next() else {
+                    return if self.open { Verdict::Inside } else { Verdict::Apart };
+                };
+                let surface = &geometry.surfaces[stop.surface];
+                let skip = Skip { plane: Some(surface.plane), group: None };
+                let same_side = |p: DVec3| ((p - stop.point).dot(surface.frame.normal) > 0.0) == stop.in_front;
+                match self.seen(geometry, stop.point, skip, same_side) {
+                    Verdict::Unknown => {}
+                    known => return known,
                 }
             }
         }
-        false
+        Verdict::Unknown
     }
 
-    fn sees_a_seed(&self, geometry: &Geometry, point: DVec3) -> bool {
-        self.seeds.iter().any(|seed| open_air(geometry, point, *seed, Skip::NONE))
-    }
-
-    /// The same from a stop on a surface, for seeds on the side that the walk came from.
-    fn sees_a_seed_from(&self, geometry: &Geometry, stop: &Stop) -> bool {
-        let surface = &geometry.surfaces[stop.surface];
-        let skip = Skip { plane: Some(surface.plane), group: None };
-        let same_side = |seed: &DVec3| ((*seed - stop.point).dot(surface.frame.normal) > 0.0) == stop.in_front;
-        self.seeds.iter().any(|seed| same_side(seed) && open_air(geometry, stop.point, *seed, skip))
+    /// Whether a known point is in sight.
+    fn seen(&self, geometry: &Geometry, from: DVec3, skip: Skip, eligible: impl Fn(DVec3) -> bool) -> Verdict {
+        let sees = |p: &DVec3| eligible(*p) && open_air(geometry, from, *p, skip);
+        if self.inside.iter().any(sees) {
+            Verdict::Inside
+        } else if self.apart.iter().any(sees) {
+            Verdict::Apart
+        } else {
+            Verdict::Unknown
+        }
     }
 }
 

@@ -52,7 +52,16 @@ impl Screen {
         if !t.is_finite() {
             return None;
         }
-        let p = origin + direction * t;
+        let (element, group) = self.part(origin + direction * t)?;
+        Some((t, element, group))
+    }
+
+    /// The element at a point of the plane; `None` in a hole.
+    pub(crate) fn element(&self, p: DVec3) -> Option<u32> {
+        self.part(p).map(|(element, _)| element)
+    }
+
+    fn part(&self, p: DVec3) -> Option<(u32, usize)> {
         for region in &self.regions {
             let q = region.frame.local(p);
             let within = |v: f64, [low, high]: [f64; 2]| match region.element {
@@ -60,10 +69,10 @@ impl Screen {
                 None => v > low && v < high, // the border of a plain hole belongs to the screen
             };
             if within(q.x, region.x_m) && within(q.y, region.y_m) {
-                return region.element.map(|e| (t, e, region.group));
+                return region.element.map(|e| (e, region.group));
             }
         }
-        Some((t, self.element, self.group))
+        Some((self.element, self.group))
     }
 
     /// Whether the ray runs against the normal.

@@ -5,14 +5,15 @@ use std::ops::Range;
 use glam::{DVec2, DVec3};
 
 use super::cut::{self, Piece};
-use super::facet::{FacetShape, PORTAL_BIT};
+use super::facet::FacetShape;
+use super::openings::LeafFace;
 use super::patches::{patches, triangle_normal};
 use super::planes::PlaneBook;
-use super::screen::{Region, Screen};
+use super::screen::Screen;
 use super::sheets::Sheet;
 use super::{Portal, Surface};
 use crate::error::Result;
-use crate::scene::{BoxRoom, Edges, Face, Frame, Host, Mesh, Opening, Scene, Transport, Wall};
+use crate::scene::{BoxRoom, Face, Frame, Host, Mesh, Scene, Wall};
 
 /// Everything that `Geometry` is made of.
 pub(crate) struct Parts {
@@ -26,8 +27,8 @@ pub(crate) struct Parts {
     pub(crate) of_mesh: Range<usize>,
 }
 
-/// Local frame of a box face: the normal points into the box, local y up on the side faces (towards y on the floor), origin at
-/// the lower corner that makes all local coordinates positive.
+/// Local frame of a box face: the normal points into the box, local y up on the side faces (towards y on the floor),
+/// origin at the lower corner that makes all local coordinates positive.
 pub fn face_frame(room: &BoxRoom, face: Face) -> Frame {
     let (a, b) = (room.min_m, room.max_m);
     let (origin_m, x, y) = match face {
@@ -64,39 +65,47 @@ fn face_size(room: &BoxRoom, face: Face) -> [f64; 2] {
 }
 
 /// A surface in the making.
-struct Draft {
-    surface: Surface,
-    shape: Shape,
+pub(crate) struct Draft {
+    pub(crate) surface: Surface,
+    pub(crate) shape: Shape,
+    pub(crate) is_rim: bool,
 }
 
-enum Shape {
+/// What a draft consists of.
+pub(crate) enum Shape {
     /// Convex pieces in the surface's frame.
     Pieces(Vec<Piece>),
     /// Triangles as they stand in the mesh.
     Triangles(Vec<[DVec3; 3]>),
     /// The whole plane.
     Unbounded,
+    /// A part of an unbounded wall, known to its screen.
+    OnScreen,
 }
 
 /// The planes an opening's host stands in, one a face.
-struct HostPlanes {
-    faces: Vec<(usize, f64)>, // plane id, height over the host's frame in m
-    thickness_m: f64,
-    group: usize,
+pub(crate) struct HostPlanes {
+    /// Plane id and height over the host's frame in m.
+    pub(crate) faces: Vec<(usize, f64)>,
+    /// Thickness in m.
+    pub(crate) thickness_m: f64,
+    /// Group id.
+    pub(crate) group: usize,
 }
 
 pub(crate) struct Builder<'a> {
-    scene: &'a Scene,
-    centre: DVec3,
-    extent_m: f64,
-    tolerance_m: f64,
-    book: PlaneBook,
-    drafts: Vec<Draft>,
-    sheets: Vec<Sheet>,
-    of_mesh: Range<usize>,
+    pub(crate) scene: &'a Scene,
+    pub(crate) centre: DVec3,
+    pub(crate) extent_m: f64,
+    pub(crate) tolerance_m: f64,
+    pub(crate) book: PlaneBook,
+    pub(crate) drafts: Vec<Draft>,
+    pub(crate) sheets: Vec<Sheet>,
+    pub(crate) of_mesh: Range<usize>,
     groups: usize,
     box_hosts: Vec<Vec<HostPlanes>>,
     wall_hosts: Vec<HostPlanes>,
+    pub(crate) leaf_faces: Vec<LeafFace>,
 }
 
 impl<'a> Builder<'a> {
@@ -114,6 +123,7 @@ impl<'a> Builder<'a> {
             groups: 0,
             box_hosts: Vec::new(),
             wall_hosts: Vec::new(),
+            leaf_faces: Vec::new(),
         }
     }
 
@@ -138,6 +148,12 @@ impl<'a> Builder<'a> {
         for opening in &scene.openings {
             self.cut_opening(opening);
         }
+        for (i, opening) in scene.openings.iter().enumerate() {
+            if let Some(leaf) = &opening.leaf {
+                self.add_leaf(i, opening, leaf);
+            }
+            self.add_reveals(opening);
+        }
         self.finish()
     }
 
@@ -159,7 +175,7 @@ impl<'a> Builder<'a> {
                 let surface = Surface { frame, material, plane, group, area_m2: w * h, name, one_sided: true };
                 let shape = Shape::Pieces(vec![cut::rectangle([0.0, w], [0.0, h])]);
                 self.sheets.push(Sheet::box_face(&surface, &corners, self.centre));
-                self.drafts.push(Draft { surface, shape });
+                self.drafts.push(Draft { surface, shape, is_rim: false });
             }
         }
         self.box_hosts.push(hosts);
@@ -198,12 +214,12 @@ impl<'a> Builder<'a> {
                 _ => Sheet::unbounded(&surface, self.centre),
             });
             covers.push(self.drafts.len());
-            self.drafts.push(Draft { surface, shape });
+            self.drafts.push(Draft { surface, shape, is_rim: false });
         }
-        self.wall_hosts.push(HostPlanes { faces, thickness_m: wall.thickness_m, group });
         if half > 0.0 && !wall.unbounded {
             self.add_rims(wall, &corners, group);
         }
+        self.wall_hosts.push(HostPlanes { faces, thickness_m: wall.thickness_m, group });
         Ok(())
     }
 
@@ -226,7 +242,7 @@ impl<'a> Builder<'a> {
             let surface = Surface { frame, material, plane, group, area_m2, name, one_sided: true };
             let pieces = vec![cut::rectangle([0.0, length], [0.0, t])];
             self.sheets.push(Sheet::wall(&surface, &ends, &pieces, self.centre));
-            self.drafts.push(Draft { surface, shape: Shape::Pieces(pieces) });
+            self.drafts.push(Draft { surface, shape: Shape::Pieces(pieces), is_rim: true });
         }
     }
 
@@ -248,7 +264,7 @@ impl<'a> Builder<'a> {
                 name: name.clone(),
                 one_sided: false,
             };
-            self.drafts.push(Draft { surface, shape: Shape::Triangles(triangles) });
+            self.drafts.push(Draft { surface, shape: Shape::Triangles(triangles), is_rim: false });
         }
     }
 
@@ -258,126 +274,37 @@ impl<'a> Builder<'a> {
         let Some(wall) = wall.checked_sub(box_faces).and_then(|i| above.get(i)) else { return };
         for face in below.iter_mut().filter(|f| f.surface.plane == wall.surface.plane) {
             match &wall.shape {
-                Shape::Unbounded => face.shape = Shape::Pieces(Vec::new()),
+                Shape::Unbounded => {
+                    face.shape = Shape::Pieces(Vec::new());
+                    face.surface.area_m2 = 0.0;
+                }
                 Shape::Pieces(pieces) => {
                     for piece in pieces {
                         cut_draft(face, &wall.surface.frame, piece, self.tolerance_m);
                     }
                 }
-                Shape::Triangles(_) => {}
+                Shape::Triangles(_) | Shape::OnScreen => {}
             }
         }
     }
 
-    fn host(&self, host: Host) -> &HostPlanes {
+    pub(crate) fn host(&self, host: Host) -> &HostPlanes {
         match host {
             Host::Wall(i) => &self.wall_hosts[i],
             Host::BoxFace(i, face) => &self.box_hosts[i][face as usize],
         }
     }
-
-    /// Limits cut down to what can matter in this scene, so that bounded surfaces are cut by finite holes.
-    fn finite(&self, opening: &Opening, limits: [f64; 2]) -> [f64; 2] {
-        let far = 4.0 * (self.extent_m + (opening.frame.origin_m - self.centre).length() + 1.0);
-        limits.map(|v| v.clamp(-far, far))
-    }
-
-    fn cut_opening(&mut self, opening: &Opening) {
-        let rectangle = cut::rectangle(self.finite(opening, opening.hole_x_m), self.finite(opening, opening.y_m));
-        if cut::area(&rectangle) <= 0.0 {
-            return;
-        }
-        let planes: Vec<usize> = self.host(opening.host).faces.iter().map(|f| f.0).collect();
-        for sheet in self.sheets.iter_mut().filter(|s| planes.contains(&s.plane)) {
-            sheet.holes.push(rectangle.iter().map(|c| opening.frame.point(c.x, c.y) - self.centre).collect());
-        }
-        for draft in self.drafts.iter_mut().filter(|d| planes.contains(&d.surface.plane)) {
-            cut_draft(draft, &opening.frame, &rectangle, self.tolerance_m);
-        }
-    }
-
-    fn finish(mut self) -> Result<Parts> {
-        let scene = self.scene;
-        let with_portals = scene.simulation.transport != Transport::Geometric && scene.simulation.edges != Edges::Off;
-        let (mut portals, mut shapes, mut screens) = (Vec::new(), Vec::new(), Vec::new());
-        for (i, draft) in self.drafts.iter().enumerate() {
-            if let Shape::Unbounded = draft.shape {
-                screens.push(Screen::new(&draft.surface, i, self.centre));
-            }
-            shape_facets(draft, i, self.centre, &mut shapes);
-        }
-        let mut surfaces: Vec<Surface> = std::mem::take(&mut self.drafts).into_iter().map(|d| d.surface).collect();
-        for (i, opening) in scene.openings.iter().enumerate() {
-            let host = self.host(opening.host);
-            let portal = (with_portals && !opening.is_closed()).then(|| {
-                portals.push(Portal {
-                    opening: i,
-                    frame: opening.frame,
-                    x_m: opening.open_x_m,
-                    y_m: opening.y_m,
-                    thickness_m: host.thickness_m,
-                    group: host.group,
-                });
-                PORTAL_BIT | (portals.len() - 1) as u32
-            });
-            for &(plane, height_m) in &host.faces {
-                let mut face = opening.frame;
-                face.origin_m += face.normal * height_m;
-                if height_m < 0.0 {
-                    face.normal = -face.normal;
-                }
-                let leaf = opening.leaf.as_ref().map(|leaf| {
-                    let width = (leaf.x_m[1] - leaf.x_m[0]) * (opening.y_m[1] - opening.y_m[0]);
-                    // right-handed as every surface frame: turned about local x behind a thick wall
-                    let y = if height_m < 0.0 { -face.y } else { face.y };
-                    surfaces.push(Surface {
-                        frame: Frame { y, ..face },
-                        material: leaf.material,
-                        plane,
-                        group: host.group,
-                        area_m2: width,
-                        name: format!("{} leaf", opening.name),
-                        one_sided: height_m != 0.0,
-                    });
-                    ((surfaces.len() - 1) as u32, leaf.x_m)
-                });
-                let parts = [leaf, portal.map(|p| (p, opening.open_x_m))];
-                for (element, x_m) in parts.into_iter().flatten() {
-                    let piece = cut::rectangle(self.finite(opening, x_m), self.finite(opening, opening.y_m));
-                    let unbounded_host = screens.iter().any(|s: &Screen| s.plane == plane);
-                    if !unbounded_host {
-                        let owner = Owner { element, plane, group: host.group };
-                        piece_facets(&piece, &face, owner, self.centre, &mut shapes);
-                    }
-                }
-                for screen in screens.iter_mut().filter(|s| s.plane == plane) {
-                    let local = Frame { origin_m: face.origin_m - self.centre, ..face };
-                    let mut region = |x_m: [f64; 2], element: Option<u32>| {
-                        screen.regions.push(Region { frame: local, x_m, y_m: opening.y_m, element, group: host.group });
-                    };
-                    for (element, x_m) in parts.into_iter().flatten() {
-                        region(x_m, Some(element));
-                    }
-                    region(opening.hole_x_m, None);
-                }
-            }
-        }
-        for (i, surface) in surfaces.iter().enumerate() {
-            self.book.planes[surface.plane].surfaces.push(i);
-        }
-        Ok(Parts { surfaces, portals, shapes, screens, book: self.book, sheets: self.sheets, of_mesh: self.of_mesh })
-    }
 }
 
 /// Cuts a convex hole, given in `frame`, out of a draft in the same plane and corrects its area.
-fn cut_draft(draft: &mut Draft, frame: &Frame, hole: &[DVec2], tolerance_m: f64) {
+pub(crate) fn cut_draft(draft: &mut Draft, frame: &Frame, hole: &[DVec2], tolerance_m: f64) {
     let own = draft.surface.frame;
     let mut local: Piece = hole.iter().map(|c| own.local(frame.point(c.x, c.y)).truncate()).collect();
     if cut::area(&local) < 0.0 {
         local.reverse();
     }
     let pieces = match &draft.shape {
-        Shape::Unbounded => return,
+        Shape::Unbounded | Shape::OnScreen => return,
         Shape::Pieces(pieces) => cut::subtract(pieces.clone(), &local, tolerance_m),
         Shape::Triangles(triangles) => {
             let flat: Vec<Piece> = triangles
@@ -401,18 +328,20 @@ fn cut_draft(draft: &mut Draft, frame: &Frame, hole: &[DVec2], tolerance_m: f64)
     draft.shape = Shape::Pieces(pieces);
 }
 
+/// What a facet belongs to.
 #[derive(Clone, Copy)]
-struct Owner {
-    element: u32,
-    plane: usize,
-    group: usize,
+pub(crate) struct Owner {
+    pub(crate) element: u32,
+    pub(crate) plane: usize,
+    pub(crate) group: usize,
+    pub(crate) is_rim: bool,
 }
 
-fn shape_facets(draft: &Draft, index: usize, centre: DVec3, shapes: &mut Vec<FacetShape>) {
+pub(crate) fn shape_facets(draft: &Draft, index: usize, centre: DVec3, shapes: &mut Vec<FacetShape>) {
     let surface = &draft.surface;
-    let owner = Owner { element: index as u32, plane: surface.plane, group: surface.group };
+    let owner = Owner { element: index as u32, plane: surface.plane, group: surface.group, is_rim: draft.is_rim };
     match &draft.shape {
-        Shape::Unbounded => {}
+        Shape::Unbounded | Shape::OnScreen => {}
         Shape::Pieces(pieces) => {
             for piece in pieces {
                 piece_facets(piece, &surface.frame, owner, centre, shapes);
@@ -429,7 +358,7 @@ fn shape_facets(draft: &Draft, index: usize, centre: DVec3, shapes: &mut Vec<Fac
 }
 
 /// A convex piece as one parallelogram, or as a fan of triangles.
-fn piece_facets(piece: &[DVec2], frame: &Frame, owner: Owner, centre: DVec3, shapes: &mut Vec<FacetShape>) {
+pub(crate) fn piece_facets(piece: &[DVec2], frame: &Frame, owner: Owner, centre: DVec3, shapes: &mut Vec<FacetShape>) {
     let corner = |p: DVec2| frame.point(p.x, p.y);
     if let [a, b, c, d] = *piece {
         let size = (c - a).length();
@@ -453,5 +382,6 @@ fn shape(t: [DVec3; 3], parallelogram: bool, normal: DVec3, owner: Owner, centre
         element: owner.element,
         plane: owner.plane as u32,
         group: owner.group as u32,
+        is_rim: owner.is_rim,
     }
 }

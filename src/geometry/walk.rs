@@ -6,7 +6,7 @@ use glam::DVec3;
 use rand_core::Rng;
 use rand_pcg::Pcg64;
 
-use super::{Element, Geometry, Skip};
+use super::{Element, Geometry, Hit, Skip};
 
 /// Portals and coincident faces in a row that a straight ray may pass; a safeguard only.
 const MAX_PASSES: usize = 64;
@@ -18,6 +18,7 @@ pub(crate) struct Walk<'a> {
     position: DVec3,
     direction: DVec3,
     skip: Skip,
+    last: Option<(Hit, usize, bool)>,
 }
 
 /// A stop of a walk.
@@ -35,12 +36,33 @@ pub(crate) struct Stop {
 impl<'a> Walk<'a> {
     /// A walk from `position` (m) along the unit vector `direction`; `stream` picks its random numbers.
     pub(crate) fn new(geometry: &'a Geometry, position: DVec3, direction: DVec3, stream: usize) -> Self {
-        let random = Pcg64::new(0x5eed, stream as u128);
-        Self { geometry, random, position, direction, skip: Skip::NONE }
+        // neighbouring streams of one state start alike: the state differs too, by the golden ratio of 2^128
+        let state = (stream as u128).wrapping_mul(0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c835);
+        let random = Pcg64::new(state, stream as u128);
+        Self { geometry, random, position, direction, skip: Skip::NONE, last: None }
     }
 
     fn unit(&mut self) -> f64 {
         (self.random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Leaves the last stop in a new direction by Lambert's law; before the first stop, any direction from where it is.
+    pub(crate) fn turn_back(&mut self) {
+        let (r2, phi) = (self.unit(), TAU * self.unit());
+        let Some((hit, surface, in_front)) = self.last else {
+            let z = 2.0 * r2 - 1.0;
+            let r = (1.0 - z * z).max(0.0).sqrt();
+            self.direction = DVec3::new(r * phi.cos(), r * phi.sin(), z);
+            return;
+        };
+        // the projection on the surface is uniform on the unit disc
+        let frame = self.geometry.surfaces[surface].frame;
+        let (r, height) = (r2.sqrt(), (1.0 - r2).sqrt());
+        let up = if in_front { height } else { -height };
+        let d = frame.x * (r * phi.cos()) + frame.y * (r * phi.sin()) + frame.normal * up;
+        self.position = hit.point;
+        self.direction = d.normalize_or(frame.normal);
+        self.skip = Skip::reflected(&hit);
     }
 }
 
@@ -58,15 +80,9 @@ impl Iterator for Walk<'_> {
                 self.skip = Skip::passed(&hit);
                 continue;
             };
-            let frame = self.geometry.surfaces[surface].frame;
-            let in_front = self.direction.dot(frame.normal) < 0.0;
-            // Lambert's law: the projection on the surface is uniform on the unit disc
-            let (r2, phi) = (self.unit(), TAU * self.unit());
-            let (r, height) = (r2.sqrt(), (1.0 - r2).sqrt());
-            let up = if in_front { height } else { -height };
-            let d = frame.x * (r * phi.cos()) + frame.y * (r * phi.sin()) + frame.normal * up;
-            self.direction = d.normalize_or(frame.normal);
-            self.skip = Skip::reflected(&hit);
+            let in_front = self.direction.dot(self.geometry.surfaces[surface].frame.normal) < 0.0;
+            self.last = Some((hit, surface, in_front));
+            self.turn_back();
             return Some(Stop { point: hit.point, surface, in_front, chord_m });
         }
         None

@@ -116,7 +116,9 @@ pub(super) fn add(
             continue;
         }
         for (s, from) in source.images.iter().enumerate() {
-            for (p, to) in probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order) {
+            for (p, to) in
+                probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order)
+            {
                 let Origin::At(receiver) = to.origin else { continue };
                 let over = Over { scene, geometry, edge, spectra, kind, from: from.origin, receiver };
                 let Some(found) = over.path(source, s, probe, p) else { continue };
@@ -124,7 +126,9 @@ pub(super) fn add(
                 match found {
                     Found::Shadow(path) => paths.push(Specular { planes, path }),
                     Found::Lit(changes) => {
-                        if let Some(lit) = paths.iter_mut().find(|path| path.planes == planes && path.path.reflections == planes.len()) {
+                        if let Some(lit) =
+                            paths.iter_mut().find(|path| path.planes == planes && path.path.reflections == planes.len())
+                        {
                             for (intensity, change) in lit.path.intensity.iter_mut().zip(changes) {
                                 *intensity = (*intensity + change).max(0.0);
                             }
@@ -208,11 +212,18 @@ impl Over<'_> {
         let mut intensity = Vec::with_capacity(self.spectra.len());
         let mut error = Vec::with_capacity(self.spectra.len());
         for (band, spectrum) in self.spectra.iter().enumerate() {
+            // In sight, short waves do not feel an edge that long ones do.
+            if !shadow && 2.0 * (length - straight) * spectrum.low_hz / spectrum.speed_m_s > FELT_FRESNEL {
+                intensity.push(0.0);
+                error.push(0.0);
+                continue;
+            }
             let sum = self.sum(&from, &to, spectrum)?;
             let air = (-self.scene.air.attenuation_per_m[band] * length).exp();
             let factor = before.factors[band] * after.factors[band] * air;
             // No edge lifts the mean over a band by more than 3 dB: a larger sum is a pole of the reflected field.
-            let value = if shadow { sum.value.clamp(0.0, free) } else { sum.value.clamp(0.25 * free, 2.0 * free) - free };
+            let value =
+                if shadow { sum.value.clamp(0.0, free) } else { sum.value.clamp(0.25 * free, 2.0 * free) - free };
             intensity.push(value * factor);
             error.push((sum.error + (-sum.value).max(0.0)) * factor);
         }
@@ -258,12 +269,12 @@ impl Over<'_> {
                 (false, None) => Incident::Line { x_m: from.r_m * before.cos(), z_m: (from.r_m * before.sin()).abs() },
             };
             let behind = PI - to.phi;
-            let crossing =
-                Crossing { incident, x_m: to.r_m * behind.cos(), z_m: (to.r_m * behind.sin()).abs() };
+            let crossing = Crossing { incident, x_m: to.r_m * behind.cos(), z_m: (to.r_m * behind.sin()).abs() };
             let jambs = if paraxial { Jambs::Paraxial } else { Jambs::Rigid };
             return Some(Mask::new(&[[0.0, f64::INFINITY]]).intensity(&crossing, spectrum, jambs, TOLERANCE));
         }
-        if edge.exterior_angle > TAU - 1e-6 && (from.phi - PI) * (to.phi - PI) >= 0.0 && (to.phi - from.phi).abs() < PI {
+        if edge.exterior_angle > TAU - 1e-6 && (from.phi - PI) * (to.phi - PI) >= 0.0 && (to.phi - from.phi).abs() < PI
+        {
             return None;
         }
         let about = |p: &Place| AboutEdge { r_m: p.r_m, phi: p.phi };

@@ -112,7 +112,9 @@ impl Gap {
     ) -> Vec<EarlyPath> {
         let mut paths = Vec::new();
         for (s, from) in source.images.iter().enumerate() {
-            for (p, to) in probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order) {
+            for (p, to) in
+                probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order)
+            {
                 let Origin::At(receiver) = to.origin else { continue };
                 let receiver = self.frame.local(receiver);
                 let Some((incident, before)) = self.incident(&from.origin, kind, receiver) else { continue };
@@ -205,10 +207,9 @@ impl Gap {
                 };
                 let at = self.frame.point(x, y);
                 tried += 1;
-                let (Some(a), Some(b)) = (
-                    source.arrive(scene, geometry, s, at, self.skip),
-                    probe.arrive(scene, geometry, p, at, self.skip),
-                ) else {
+                let (Some(a), Some(b)) =
+                    (source.arrive(scene, geometry, s, at, self.skip), probe.arrive(scene, geometry, p, at, self.skip))
+                else {
                     continue;
                 };
                 seen += 1;
@@ -267,8 +268,8 @@ impl Gap {
                     let air = (-scene.air.attenuation_per_m[band] * (r1 + r2)).exp();
                     intensity.push(value.max(0.0) * share * air * from.loss.factors[band] * to.loss.factors[band]);
                 }
-                // The product of two directions is good to 2 % (0.1 dB) in the median: docs/verification.md.
-                let error = intensity.iter().map(|i| 0.02 * i).collect();
+                // The frequency grid and the panels are converged to this; the model itself: docs/verification.md.
+                let error = intensity.iter().map(|i| 1e-4 * i).collect();
                 let label = self.label(geometry, source, from.image, probe, to.image);
                 let delay_s = (r1 + r2) / scene.air.speed_of_sound_m_s;
                 paths.push(EarlyPath { label, reflections, delay_s, intensity, error });
@@ -328,7 +329,8 @@ fn shortest_over(a: DVec3, b: DVec3, x_m: [f64; 2], y_m: [f64; 2]) -> Option<DVe
         let divide = |a: f64, b: f64, into: f64, out: f64, limits: [f64; 2]| {
             (a + (b - a) * into / (into + out)).clamp(limits[0], limits[1])
         };
-        let across = |p: DVec3, over: DVec3, along_x: bool| (if along_x { p.y - over.y } else { p.x - over.x }).hypot(p.z);
+        let across =
+            |p: DVec3, over: DVec3, along_x: bool| (if along_x { p.y - over.y } else { p.x - over.x }).hypot(p.z);
         over.x = divide(a.x, b.x, across(a, over, true), across(b, over, true), x_m);
         over.y = divide(a.y, b.y, across(a, over, false), across(b, over, false), y_m);
     }

@@ -23,6 +23,15 @@ impl Origin {
         }
     }
 
+    /// Whether two origins are the same within 1e-6 m (or 1e-9 rad).
+    pub fn coincides(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::At(a), Self::At(b)) => a.distance_squared(*b) < 1e-12,
+            (Self::Along(a), Self::Along(b)) => a.distance_squared(*b) < 1e-18,
+            _ => false,
+        }
+    }
+
     fn mirrored(&self, point: DVec3, normal: DVec3) -> Self {
         match *self {
             Self::At(p) => Self::At(p - normal * (2.0 * (p - point).dot(normal))),
@@ -48,6 +57,8 @@ pub struct ImageTree {
     /// The source first, then its images, each after its parent.
     pub images: Vec<Image>,
     directivity: Option<Directivity>,
+    /// Whether there are walls with air on both sides.
+    thin_walls: bool,
     /// Length of the last leg's check for plane waves in m.
     far_m: f64,
 }
@@ -100,7 +111,8 @@ impl ImageTree {
             }
             first = last;
         }
-        Self { images, directivity, far_m: 1e4 * geometry.extent_m.max(1.0) }
+        let thin_walls = geometry.surfaces.iter().any(|s| !s.one_sided);
+        Self { images, directivity, thin_walls, far_m: 1e4 * geometry.extent_m.max(1.0) }
     }
 
     /// Number of images up to `order` for `planes` distinct planes.
@@ -117,20 +129,29 @@ impl ImageTree {
         let mut current = image;
         while let Some(parent) = self.images[current].parent {
             let plane = *self.images[current].planes.last()?;
-            let direction = self.images[current].origin.direction_from(at);
+            let mirrored = self.images[current].origin;
+            let direction = mirrored.direction_from(at);
             loop {
-                let hit = geometry.closest(at, direction, f64::INFINITY, skip)?;
+                // The mirror plane lies between the point and the image, or there is no reflection.
+                let range = match mirrored {
+                    Origin::At(position) => (position - at).length(),
+                    Origin::Along(_) => f64::INFINITY,
+                };
+                let hit = geometry.closest(at, direction, range, skip)?;
                 let Element::Surface(id) = hit.element else { return None };
                 let material = &scene.materials[geometry.surfaces[id].material];
                 at = hit.point;
                 if hit.plane == plane {
-                    for (f, (a, s)) in
-                        loss.factors.iter_mut().zip(material.absorption.iter().zip(&material.scattering))
+                    for (f, (a, s)) in loss.factors.iter_mut().zip(material.absorption.iter().zip(&material.scattering))
                     {
                         *f *= (1.0 - a) * (1.0 - s);
                     }
                     loss.surfaces.push(id);
                     skip = Skip::reflected(&hit);
+                    let before = self.images[parent].planes.last();
+                    if self.thin_walls && pinched(geometry, &self.images[parent].origin, at, skip, before) {
+                        return None;
+                    }
                     break;
                 }
                 transmit(&mut loss.factors, material.transmission.as_deref()?);
@@ -155,6 +176,15 @@ impl ImageTree {
         loss.surfaces.reverse();
         loss.factors.iter().any(|f| *f > 0.0).then_some(loss)
     }
+}
+
+/// Whether a wall stands on the very point `at` of a reflection, between the sound before and after it (the foot of a
+/// barrier): neither of the two legs crosses it, the reflected sound does. A wall that reflects next is no obstacle.
+fn pinched(geometry: &Geometry, origin: &Origin, at: DVec3, skip: Skip, next: Option<&usize>) -> bool {
+    const STEP_M: f64 = 1e-6;
+    let onward = origin.direction_from(at);
+    let hits = geometry.segment(at - onward * STEP_M, at + onward * STEP_M, skip, Skip::NONE);
+    hits.iter().any(|hit| matches!(hit.element, Element::Surface(_)) && Some(&hit.plane) != next)
 }
 
 fn transmit(factors: &mut [f64], transmission: &[f64]) {

@@ -22,18 +22,13 @@ const NEGLIGIBLE: f64 = 1e-12;
 ///
 /// `reflection_order`: specular reflections on a path at most.
 pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<Vec<EarlyPath>> {
-    let spectra: Vec<Spectrum> =
-        scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
+    let spectra: Vec<Spectrum> = scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
     let gaps = if scene.simulation.diffraction_order > 0 { Gap::find(scene, geometry) } else { Vec::new() };
-    let probes: Vec<ImageTree> = scene
-        .probes
-        .par_iter()
-        .map(|p| ImageTree::of_probe(p.position_m, geometry, reflection_order))
-        .collect();
+    let probes: Vec<ImageTree> =
+        scene.probes.par_iter().map(|p| ImageTree::of_probe(p.position_m, geometry, reflection_order)).collect();
     let sources: Vec<ImageTree> =
         scene.sources.par_iter().map(|s| ImageTree::of_source(s, geometry, reflection_order)).collect();
-    let pairs: Vec<(usize, usize)> =
-        (0..sources.len()).flat_map(|s| (0..probes.len()).map(move |p| (s, p))).collect();
+    let pairs: Vec<(usize, usize)> = (0..sources.len()).flat_map(|s| (0..probes.len()).map(move |p| (s, p))).collect();
     pairs
         .par_iter()
         .map(|&(s, p)| {
@@ -54,10 +49,8 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
 /// Drops what no band hears and sorts by arrival.
 fn tidy(paths: Vec<EarlyPath>) -> Vec<EarlyPath> {
     let strongest = paths.iter().flat_map(|p| &p.intensity).fold(0.0_f64, |a, b| a.max(*b));
-    let mut kept: Vec<EarlyPath> = paths
-        .into_iter()
-        .filter(|p| p.intensity.iter().any(|i| *i > NEGLIGIBLE * strongest))
-        .collect();
+    let mut kept: Vec<EarlyPath> =
+        paths.into_iter().filter(|p| p.intensity.iter().any(|i| *i > NEGLIGIBLE * strongest)).collect();
     kept.sort_by(|a, b| a.delay_s.total_cmp(&b.delay_s));
     kept
 }
@@ -65,9 +58,15 @@ fn tidy(paths: Vec<EarlyPath>) -> Vec<EarlyPath> {
 /// The direct sound and the specular reflections in sight.
 fn specular(scene: &Scene, geometry: &Geometry, kind: &SourceKind, source: &ImageTree, probe: usize) -> Vec<Specular> {
     let receiver = scene.probes[probe].position_m;
-    let mut paths = Vec::new();
+    let mut paths: Vec<Specular> = Vec::new();
+    let mut found: Vec<Origin> = Vec::new();
     for (index, image) in source.images.iter().enumerate() {
+        // A way exactly through a corner exists in both orders of reflection, with one and the same image.
+        if found.iter().any(|other| other.coincides(&image.origin)) {
+            continue;
+        }
         let Some(loss) = source.arrive(scene, geometry, index, receiver, Skip::NONE) else { continue };
+        found.push(image.origin);
         let (length, spread) = spreading(&image.origin, kind, receiver);
         let intensity: Vec<f64> = loss
             .factors

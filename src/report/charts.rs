@@ -28,6 +28,9 @@ const FONT: u32 = 29;
 /// Levels lower than this below the highest one are cut off at the bottom of a chart, in dB.
 const SPAN_DB: f64 = 60.0;
 
+/// An early part more than this below the lowest level is not shown, in dB.
+const EARLY_SPAN_DB: f64 = 15.0;
+
 fn draw(label: &str, content: impl FnOnce(&Area) -> Drawn) -> Result<String> {
     let mut svg = String::new();
     {
@@ -73,7 +76,9 @@ fn sweep_range(levels_db: impl Iterator<Item = f64>) -> Option<Range<f64>> {
     levels.sort_by(f64::total_cmp);
     let (&low, &high) = (levels.first()?, levels.last()?);
     let usual = levels[levels.len() / 10];
-    Some(rounded(low.max(high - (1.6 * (high - usual)).max(6.0)), high, 0.5))
+    let low = low.max(high - (1.6 * (high - usual)).max(6.0));
+    // Room for the words above the highest level.
+    Some(rounded(low, high + 0.12 * (high - low), 0.5))
 }
 
 /// Sets up axes with grid; `x_ticks` overrides the positions and texts of the ticks below.
@@ -127,15 +132,20 @@ fn bar(band: &Band) -> (f64, f64) {
     if high > low { (low, high) } else { (low - 1.0 / 12.0, high + 1.0 / 12.0) }
 }
 
+/// Level of the deterministic paths alone in dB.
+fn early_db(level: &BandLevel) -> f64 {
+    BandLevel { intensity: level.intensity * level.early_share, ..*level }.level_db()
+}
+
 /// Band levels of one pair as bars over a logarithmic frequency axis, with standard errors; `None` if nothing arrives
 /// in any band.
 pub(super) fn levels(title: &str, bands: &[Band], levels: &[BandLevel]) -> Result<Option<String>> {
     let bars: Vec<((f64, f64), &BandLevel)> = bands.iter().map(bar).zip(levels).collect();
-    let (Some(y), Some(first), Some(last)) =
-        (level_range(levels.iter().map(BandLevel::level_db), 3.0), bars.first(), bars.last())
-    else {
-        return Ok(None);
-    };
+    let lowest = levels.iter().map(BandLevel::level_db).filter(|l| l.is_finite()).fold(f64::INFINITY, f64::min);
+    // The early part is shown as far as it does not flatten the rest.
+    let early = levels.iter().map(|l| early_db(l).max(lowest - EARLY_SPAN_DB));
+    let range = level_range(levels.iter().map(BandLevel::level_db).chain(early.filter(|_| lowest.is_finite())), 3.0);
+    let (Some(y), Some(first), Some(last)) = (range, bars.first(), bars.last()) else { return Ok(None) };
     let x = first.0.0 - 0.15..last.0.1 + 0.15;
     let svg = draw(title, |area| {
         let none = |_: &f64| String::new();
@@ -150,7 +160,7 @@ pub(super) fn levels(title: &str, bands: &[Band], levels: &[BandLevel]) -> Resul
             let top = visible(db);
             chart.draw_series([Rectangle::new([(low, y.start), (high, top)], Ink::Level.fill())])?;
             chart.draw_series([PathElement::new([(low, top), (high, top)], Ink::Level.line(4))])?;
-            let early = BandLevel { intensity: level.intensity * level.early_share, ..**level }.level_db();
+            let early = early_db(level);
             if early > y.start && early < db - 0.05 {
                 chart.draw_series([PathElement::new([(low, early), (high, early)], Ink::Early.line(4))])?;
             }
@@ -173,7 +183,8 @@ pub(super) fn levels(title: &str, bands: &[Band], levels: &[BandLevel]) -> Resul
             }
             let db = level.level_db();
             if bars.len() <= 11 && db.is_finite() {
-                let above = plotting.map_coordinate(&(centre, visible(db)));
+                let error = Some(level.std_error_db()).filter(|e| e.is_finite()).unwrap_or(0.0);
+                let above = plotting.map_coordinate(&(centre, visible(db + error)));
                 let style = text_style(Pos::new(HPos::Center, VPos::Bottom));
                 let words = notation::level(db, 1).replace('-', "−");
                 area.draw_text(&words, &style, (above.0, above.1 - 8))?;
@@ -305,7 +316,8 @@ fn series_range(points: &[SeriesPoint], references: &[&ReferenceCurve]) -> Optio
 
 /// Whether the chart of [`sweep`] leaves out levels that are too low for its axis.
 pub(super) fn sweep_cuts_levels_off(points: &[SeriesPoint], references: &[&ReferenceCurve]) -> bool {
-    series_range(points, references).is_some_and(|y| points.iter().any(|p| p.level.level_db() < y.start))
+    series_range(points, references)
+        .is_some_and(|y| points.iter().any(|p| (f64::MIN..y.start).contains(&p.level.level_db())))
 }
 
 /// Level against the swept value in one band, with the intervals of `rises` shaded and other curves dashed; `None` if
@@ -351,10 +363,16 @@ pub(super) fn sweep(
             }
         }
         let plotting = chart.plotting_area();
-        for rise in rises.iter().filter(|r| r.rise_db.is_finite() && r.rise_db >= 0.1) {
+        let mut labelled: Vec<&Rise> = rises.iter().filter(|r| r.rise_db.is_finite() && r.rise_db >= 0.1).collect();
+        labelled.sort_by(|a, b| b.rise_db.total_cmp(&a.rise_db));
+        let mut taken: Vec<i32> = Vec::new();
+        for rise in labelled {
             let at = plotting.map_coordinate(&(0.5 * (rise.value_low + rise.value_high), y.end));
-            let style = text_style(Pos::new(HPos::Center, VPos::Top));
-            area.draw_text(&format!("{:.1} dB", rise.rise_db), &style, (at.0, at.1 + 8))?;
+            if taken.iter().all(|other| (other - at.0).abs() > 4 * FONT as i32) {
+                let style = text_style(Pos::new(HPos::Center, VPos::Top));
+                area.draw_text(&format!("{:.1} dB", rise.rise_db), &style, (at.0, at.1 + 8))?;
+                taken.push(at.0);
+            }
         }
         Ok(())
     })

@@ -2,6 +2,7 @@
 
 use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 
+use super::beside::comparisons;
 use super::notation;
 use super::series::{Rise, Series, rises};
 use super::{Simulated, Swept};
@@ -47,14 +48,11 @@ fn blocks(receptions: &[&Reception], with_error: bool, level_db: impl Fn(&Recept
     };
     let names: Vec<String> = receptions.iter().map(|r| pair_name(&r.source, &r.probe)).collect();
     let name_width = names.iter().map(|n| n.chars().count()).max().unwrap_or(0).max(15);
-    let cell_width = receptions
-        .iter()
-        .flat_map(|r| (0..bands).map(move |b| (r, b)))
-        .map(|(r, b)| cell(r, b).chars().count())
-        .max()
-        .unwrap_or(0)
-        .max(8);
-    let in_a_block = (WIDTH.saturating_sub(name_width + 2) / (cell_width + 2)).max(1);
+    let cells = receptions.iter().flat_map(|r| (0..bands).map(move |b| cell(r, b)));
+    let headers = (0..bands).map(|b| notation::band(receptions[0].levels[b].band_hz));
+    let cell_width = cells.chain(headers).map(|text| text.chars().count()).max().unwrap_or(0);
+    let fitting = (WIDTH.saturating_sub(name_width + 2) / (cell_width + 2)).max(1);
+    let in_a_block = bands.div_ceil(bands.div_ceil(fitting).max(1)).max(1);
     let all: Vec<usize> = (0..bands).collect();
     let mut text = String::new();
     for block in all.chunks(in_a_block) {
@@ -69,12 +67,17 @@ fn blocks(receptions: &[&Reception], with_error: bool, level_db: impl Fn(&Recept
     text
 }
 
+/// Whether any standard error is large enough to be written beside its level.
+pub(super) fn errors_matter<'a>(receptions: impl Iterator<Item = &'a Reception>) -> bool {
+    let mut errors = receptions.flat_map(|r| &r.levels).map(BandLevel::std_error_db).filter(|e| e.is_finite());
+    errors.any(|e| e >= NEGLIGIBLE_ERROR_DB)
+}
+
 /// The band levels of all pairs with their standard errors, and the sound pressure levels of sources with a power.
 pub fn levels_table(results: &Simulated) -> String {
     let run = &results.run;
     let all: Vec<&Reception> = results.receptions().collect();
-    let mut errors = all.iter().flat_map(|r| &r.levels).map(BandLevel::std_error_db).filter(|e| e.is_finite());
-    let with_error = errors.any(|e| e >= NEGLIGIBLE_ERROR_DB);
+    let with_error = errors_matter(all.iter().copied());
     let spread = if with_error {
         "± standard error".to_owned()
     } else {
@@ -147,5 +150,36 @@ pub fn rises_table(swept: &Swept) -> String {
     }
     text.push_str(&table.trim_fmt());
     text.push('\n');
+    text.push_str(&beside_table(swept));
     text
+}
+
+/// One row a source, probe and band that has a reference curve: both largest rises, and how far the levels are apart.
+/// Empty without reference curves.
+fn beside_table(swept: &Swept) -> String {
+    let all = comparisons(swept);
+    let Some(first) = all.first() else { return String::new() };
+    let act = notation::act_of(&swept.parameter);
+    let unit = notation::unit_of(&swept.parameter);
+    let header = ["source → probe", "band", "largest rise here", "in the reference", "median |difference|", "largest"];
+    let mut table = table(header.map(str::to_owned).into(), 1);
+    let rise = |r: Option<Rise>| r.map_or("none".to_owned(), |r| format!("{:.2} dB", r.rise_db));
+    let mut last_pair = String::new();
+    for c in &all {
+        let pair = pair_name(&c.series.source, &c.series.probe);
+        let shown = if pair == last_pair { String::new() } else { pair.clone() };
+        last_pair = pair;
+        let median = if c.common > 0 { format!("{:.2} dB", c.median_db) } else { String::new() };
+        let largest = c.largest.map_or("no common value".to_owned(), |(value, db)| {
+            // No minus before what rounds to nothing.
+            let db = if db.abs() < 0.005 { 0.0 } else { db };
+            format!("{} dB at {} {unit}", notation::level(db, 2), notation::trimmed(value, 4)).trim_end().to_owned()
+        });
+        table.add_row([shown, notation::band(c.series.band_hz), rise(c.rise), rise(c.reference_rise), median, largest]);
+    }
+    format!(
+        "\nRises on {act} beside the reference {}, at the values both have\n{}\n",
+        first.reference.label,
+        table.trim_fmt()
+    )
 }

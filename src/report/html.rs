@@ -2,11 +2,12 @@
 
 use std::fmt::Write as _;
 
+use super::beside::comparisons;
 use super::ink::Ink;
 use super::notation::{self, escaped};
 use super::series::{Series, rises};
 use super::tables::doubts;
-use super::{Pair, ReferenceCurve, Run, Simulated, Swept, charts, console, record};
+use super::{Pair, ReferenceCurve, Run, Simulated, Swept, charts, console};
 use crate::error::Result;
 use crate::probe::Reception;
 use crate::response::DecayTime;
@@ -51,6 +52,7 @@ pub(super) fn sweep_page(results: &Swept) -> Result<String> {
         escaped(&results.parameter)
     );
     rises_table(&mut body, results);
+    beside_table(&mut body, results);
     for (i, (source, probe)) in pairs_of(results).into_iter().enumerate() {
         let of_pair: Vec<&Series> = results.series.iter().filter(|s| s.source == source && s.probe == probe).collect();
         let name = pair_name(source, probe);
@@ -82,12 +84,16 @@ fn page(run: &Run, kind: &str, body: &str) -> String {
     if !run.plan_text.is_empty() {
         put!(out, "<h2>What was modelled, and why</h2>\n<pre>{}</pre>", escaped(run.plan_text.trim_end()));
     }
-    put!(out, "<h2>Room file</h2>\n<p class=\"muted\"><code>{}</code>", escaped(&run.room.file.display().to_string()));
-    put!(out, "<br>SHA-256 <code>{}</code></p>", record::sha256(&run.room.text));
-    if !run.room.overrides.is_empty() {
-        put!(out, "<p>Changed on the command line:</p>\n<pre>{}</pre>", escaped(&run.room.overrides.join("\n")));
+    put!(
+        out,
+        "<h2>Room file</h2>\n<p class=\"muted\"><code>{}</code>",
+        escaped(&run.source.file.display().to_string())
+    );
+    put!(out, "<br>SHA-256 <code>{}</code></p>", run.source.sha256);
+    if !run.set.is_empty() {
+        put!(out, "<p>Changed on the command line:</p>\n<pre>{}</pre>", escaped(&run.set.join("\n")));
     }
-    put!(out, "<details>\n<summary>Show the room file</summary>\n<pre>{}</pre>\n</details>", escaped(&run.room.text));
+    put!(out, "<details>\n<summary>Show the room file</summary>\n<pre>{}</pre>\n</details>", escaped(&run.source.text));
     put!(out, "<footer>Levels are relative to the same source's free field at 1 m.");
     put!(out, "Every number is in the CSV files beside this page.</footer>\n</body>\n</html>");
     out
@@ -108,15 +114,12 @@ fn facts(out: &mut String, run: &Run) {
         _ => "none".to_owned(),
     };
     let rays = if run.rays == 0 { "none traced".to_owned() } else { notation::grouped(run.rays) };
-    let mut rows = vec![
+    let rows = [
         ("Bands", bands),
-        ("Rays", rays),
+        ("Rays", format!("{rays}<br><small>{}</small>", escaped(&run.stop))),
         ("Time", format!("{}<br><small>{}</small>", notation::duration(total_s), phases.join(", "))),
         ("Seed", run.simulation.seed.to_string()),
     ];
-    if !run.stop.is_empty() {
-        rows.insert(2, ("Stopped because", escaped(&run.stop)));
-    }
     put!(out, "<dl class=\"facts\">");
     for (term, value) in rows {
         put!(out, "<div><dt>{term}</dt><dd>{value}</dd></div>");
@@ -149,12 +152,14 @@ fn levels_tables<'a>(out: &mut String, run: &Run, receptions: impl Iterator<Item
         let bands: String = run.bands.iter().map(|b| format!("<th>{}</th>", notation::band(b.nominal_hz))).collect();
         put!(out, "<thead><tr><th class=\"left\">source → probe</th>{bands}</tr></thead>\n<tbody>");
     };
-    header(out, "Level in dB re the source's free field at 1 m, with standard error");
+    let with_error = console::errors_matter(receptions.clone());
+    let errors = if with_error { "with standard error" } else { "standard errors below 0.005 dB" };
+    header(out, &format!("Level in dB re the source's free field at 1 m, {errors}"));
     for r in receptions.clone() {
         put!(out, "<tr><th scope=\"row\">{}</th>", escaped(&pair_name(&r.source, &r.probe)));
         for level in &r.levels {
             let (db, error) = (level.level_db(), level.std_error_db());
-            let error = if db.is_finite() && error > 0.0 {
+            let error = if with_error && db.is_finite() && error > 0.0 {
                 format!(" <small>±{}</small>", significant(error))
             } else {
                 String::new()
@@ -334,6 +339,40 @@ fn rises_table(out: &mut String, results: &Swept) {
     put!(out, "<p class=\"muted\">Rises below 0.05 dB are left out here; closing.csv has all.</p>\n</details>");
 }
 
+/// The largest rises and the differences of the levels beside the reference curves, where there are any.
+fn beside_table(out: &mut String, results: &Swept) {
+    let all = comparisons(results);
+    let Some(first) = all.first() else { return };
+    let unit = notation::unit_of(&results.parameter);
+    put!(out, "<details>\n<summary>Beside the reference {}</summary>", escaped(&first.reference.label));
+    put!(out, "<div class=\"scroll\"><table>\n<thead><tr><th class=\"left\">source → probe</th><th>band</th>");
+    put!(out, "<th>largest rise here (dB)</th><th>in the reference (dB)</th><th>values in common</th>");
+    put!(out, "<th>median |difference| (dB)</th><th>largest (dB)</th></tr></thead>\n<tbody>");
+    let rise = |r: Option<super::Rise>| r.map_or("–".to_owned(), |r| decibels(r.rise_db, 2));
+    for c in &all {
+        put!(
+            out,
+            "<tr><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td><td>{}</td>",
+            escaped(&pair_name(&c.series.source, &c.series.probe)),
+            notation::band(c.series.band_hz),
+            rise(c.rise),
+            rise(c.reference_rise),
+            c.common
+        );
+        match c.largest {
+            Some((value, db)) => put!(
+                out,
+                "<td>{}</td><td>{} <small>at {} {unit}</small></td></tr>",
+                decibels(c.median_db, 2),
+                decibels(db, 2),
+                notation::trimmed(value, 4)
+            ),
+            None => put!(out, "<td>–</td><td>–</td></tr>"),
+        }
+    }
+    put!(out, "</tbody></table></div>\n</details>");
+}
+
 /// The sources and probes of a sweep in order of appearance.
 fn pairs_of(results: &Swept) -> Vec<(&str, &str)> {
     let mut pairs: Vec<(&str, &str)> = Vec::new();
@@ -348,13 +387,17 @@ fn pairs_of(results: &Swept) -> Vec<(&str, &str)> {
 /// One row a pair, one column a band: the largest rise and where it is.
 fn largest_rises_table(out: &mut String, results: &Swept, pairs: &[(&str, &str)]) {
     put!(out, "<div class=\"scroll\"><table>\n<caption>Largest rise in dB, and between which values</caption>");
-    let bands: String =
-        results.run.bands.iter().map(|b| format!("<th>{}</th>", notation::band(b.nominal_hz))).collect();
-    put!(out, "<thead><tr><th class=\"left\">source → probe</th>{bands}</tr></thead>\n<tbody>");
+    let mut bands: Vec<f64> = results.series.iter().map(|s| s.band_hz).collect();
+    bands.sort_by(f64::total_cmp);
+    bands.dedup();
+    let header: String = bands.iter().map(|b| format!("<th>{}</th>", notation::band(*b))).collect();
+    put!(out, "<thead><tr><th class=\"left\">source → probe</th>{header}</tr></thead>\n<tbody>");
     for (source, probe) in pairs {
         put!(out, "<tr><th scope=\"row\">{}</th>", escaped(&pair_name(source, probe)));
-        for s in results.series.iter().filter(|s| s.source == *source && s.probe == *probe) {
-            match console::largest_rise(s).0 {
+        let in_band =
+            |b: &f64| results.series.iter().find(|s| s.source == *source && s.probe == *probe && s.band_hz == *b);
+        for series in bands.iter().map(in_band) {
+            match series.and_then(|s| console::largest_rise(s).0) {
                 Some(r) => {
                     let (from, to) = (notation::trimmed(r.value_high, 4), notation::trimmed(r.value_low, 4));
                     put!(out, "<td>{}<br><small>{from} → {to}</small></td>", decibels(r.rise_db, 2));

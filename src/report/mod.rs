@@ -4,6 +4,7 @@
 //! The functions here take plain data (what was asked, what was received) and compute nothing physical beyond
 //! decibels. Files are first written to a [`Folder`] and moved to their place together when all of them are complete.
 
+mod beside;
 mod charts;
 mod console;
 mod folder;
@@ -15,30 +16,19 @@ mod series;
 mod tables;
 
 use std::io::Write as _;
-use std::path::PathBuf;
 
 use crate::error::{Result, Warning};
 use crate::probe::Reception;
 use crate::response::{Metrics, Response};
-use crate::scene::{Air, Band, Output, Scene, Simulation, Source, SourceKind};
+use crate::scene::{Air, Band, Output, RoomSource, Scene, Simulation, Source, SourceKind};
 
 use record::Record;
 
+pub use beside::{Comparison, comparisons};
 pub use console::{levels_table, rises_table};
 pub use folder::{Folder, check_writable};
-pub use series::{Rise, Series, SeriesPoint, rises};
+pub use series::{Rise, Series, SeriesPoint, SweepValue, rises};
 pub use tables::{write_bands, write_closing, write_metrics, write_sweep};
-
-/// The room file as the user gave it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RoomText {
-    /// The file as named on the command line.
-    pub file: PathBuf,
-    /// Its whole text.
-    pub text: String,
-    /// The `--set` values in the order given, as `PATH=VALUE`.
-    pub overrides: Vec<String>,
-}
 
 /// What was asked for and how the run went; shared by simulations and sweeps.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,7 +36,9 @@ pub struct Run {
     /// Name of the scene.
     pub name: String,
     /// The room file.
-    pub room: RoomText,
+    pub source: RoomSource,
+    /// The values that were changed on the command line, as `PATH=VALUE`.
+    pub set: Vec<String>,
     /// The bands in ascending order.
     pub bands: Vec<Band>,
     /// Run options.
@@ -71,19 +63,15 @@ pub struct Run {
 
 impl Run {
     /// What was asked for, before anything ran.
-    pub fn of(scene: &Scene, room: RoomText) -> Run {
-        let spl_1m_db = scene
-            .sources
-            .iter()
-            .filter_map(|s| spl_at_1m_db(s, &scene.air).map(|levels| (s.name.clone(), levels)))
-            .collect();
+    pub fn of(scene: &Scene, source: RoomSource, set: Vec<String>) -> Run {
         Run {
             name: scene.name.clone(),
-            room,
+            source,
+            set,
             bands: scene.bands.clone(),
             simulation: scene.simulation.clone(),
             output: scene.output.clone(),
-            spl_1m_db,
+            spl_1m_db: spl_of_sources(scene),
             plan: serde_json::Value::Null,
             plan_text: String::new(),
             rays: 0,
@@ -97,6 +85,13 @@ impl Run {
     fn spl_1m_db(&self, source: &str, band: usize) -> Option<f64> {
         self.spl_1m_db.iter().find(|(name, _)| name == source).and_then(|(_, levels)| levels.get(band).copied())
     }
+}
+
+/// Sound pressure level of each source's free field at 1 m, one a band (see [`spl_at_1m_db`]), with the source's name; only
+/// sources with a power.
+pub fn spl_of_sources(scene: &Scene) -> Vec<(String, Vec<f64>)> {
+    let with_power = |s: &Source| spl_at_1m_db(s, &scene.air).map(|levels| (s.name.clone(), levels));
+    scene.sources.iter().filter_map(with_power).collect()
 }
 
 /// Sound pressure level in dB re 20 uPa of the source's free field at 1 m (on its axis), one a band, from its power.
@@ -209,7 +204,7 @@ impl Swept {
     /// # Errors
     /// [`crate::error::Error::File`] if a file cannot be written.
     pub fn write(&self, folder: &mut Folder) -> Result<()> {
-        folder.write("sweep.csv", |out| write_sweep(out, &self.run, &self.series))?;
+        folder.write("sweep.csv", |out| write_sweep(out, &self.series))?;
         folder.write("closing.csv", |out| write_closing(out, &self.series))?;
         let page = html::sweep_page(self)?;
         folder.write("report.html", |out| out.write_all(page.as_bytes()))?;

@@ -2,7 +2,6 @@
 //! no infinity.
 
 use serde::{Serialize, Serializer};
-use sha2::{Digest, Sha256};
 
 use super::series::{Rise, Series, rises};
 use super::{Pair, Run, Simulated, Swept};
@@ -22,7 +21,7 @@ pub(super) struct Record<'a> {
     command: &'static str,
     name: &'a str,
     room_file: String,
-    room_file_sha256: String,
+    room_file_sha256: &'a str,
     set: &'a [String],
     seed: u64,
     options: Options<'a>,
@@ -99,11 +98,6 @@ fn as_map<S: Serializer>(pairs: &[(String, f64)], serializer: S) -> Result<S::Ok
     serializer.collect_map(pairs.iter().map(|(key, value)| (key, value)))
 }
 
-/// Hexadecimal SHA-256 of the room file.
-pub(super) fn sha256(text: &str) -> String {
-    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 impl<'a> Record<'a> {
     /// What simulations and sweeps have in common.
     fn of(run: &'a Run, command: &'static str, results: Results<'a>, files: Vec<String>) -> Self {
@@ -112,9 +106,9 @@ impl<'a> Record<'a> {
             version: env!("CARGO_PKG_VERSION"),
             command,
             name: &run.name,
-            room_file: run.room.file.display().to_string(),
-            room_file_sha256: sha256(&run.room.text),
-            set: &run.room.overrides,
+            room_file: run.source.file.display().to_string(),
+            room_file_sha256: &run.source.sha256,
+            set: &run.set,
             seed: run.simulation.seed,
             options: Options { simulation: &run.simulation, output: &run.output },
             bands: &run.bands,
@@ -192,16 +186,5 @@ impl<'a> From<&'a Series> for SeriesRecord<'a> {
             points: s.points.iter().map(point).collect(),
             closing: rises(&s.points),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_hash_is_sha_256() {
-        // FIPS 180-4 example: the message "abc".
-        assert_eq!(sha256("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
     }
 }

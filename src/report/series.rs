@@ -14,6 +14,19 @@ pub struct SeriesPoint {
     pub value: f64,
     /// What arrived.
     pub level: BandLevel,
+    /// Sound pressure level of the source's free field at 1 m in dB re 20 uPa, if the source has a power.
+    pub spl_1m_db: Option<f64>,
+}
+
+/// The results at one value of the swept parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepValue<'a> {
+    /// Value of the swept parameter in its own unit.
+    pub value: f64,
+    /// One entry a source and probe.
+    pub receptions: &'a [Reception],
+    /// Sound pressure level of each source's free field at 1 m in dB re 20 uPa, one a band; only sources with a power.
+    pub spl_1m_db: Vec<(String, Vec<f64>)>,
 }
 
 /// The level of one source at one probe in one band, against the swept parameter.
@@ -25,30 +38,29 @@ pub struct Series {
     pub probe: String,
     /// Nominal centre of the band in Hz.
     pub band_hz: f64,
-    /// Index of the band in the scene.
-    pub band: usize,
     /// The points, ascending in the value.
     pub points: Vec<SeriesPoint>,
 }
 
 impl Series {
-    /// Sorts the receptions of all values into one series a source, probe and band, in the order of the first value.
-    pub fn collect<'a>(points: impl IntoIterator<Item = (f64, &'a [Reception])>) -> Vec<Series> {
+    /// Sorts the receptions of all values into one series a source, probe and band, in order of appearance.
+    pub fn collect(values: &[SweepValue]) -> Vec<Series> {
         let mut all: Vec<Series> = Vec::new();
-        for (value, receptions) in points {
-            for reception in receptions {
+        for SweepValue { value, receptions, spl_1m_db } in values {
+            for reception in *receptions {
+                let spl = spl_1m_db.iter().find(|(name, _)| *name == reception.source).map(|(_, levels)| levels);
                 for (band, &level) in reception.levels.iter().enumerate() {
-                    let point = SeriesPoint { value, level };
-                    let known = all
-                        .iter_mut()
-                        .find(|s| s.band == band && s.source == reception.source && s.probe == reception.probe);
+                    let spl_1m_db = spl.and_then(|levels| levels.get(band).copied());
+                    let point = SeriesPoint { value: *value, level, spl_1m_db };
+                    let known = all.iter_mut().find(|s| {
+                        s.band_hz == level.band_hz && s.source == reception.source && s.probe == reception.probe
+                    });
                     match known {
                         Some(series) => series.points.push(point),
                         None => all.push(Series {
                             source: reception.source.clone(),
                             probe: reception.probe.clone(),
                             band_hz: level.band_hz,
-                            band,
                             points: vec![point],
                         }),
                     }
@@ -169,7 +181,7 @@ mod tests {
                 let intensity = 10f64.powf(db / 10.0);
                 let intensity_error = std_error_db * intensity * std::f64::consts::LN_10 / 10.0;
                 let level = BandLevel { band_hz: 1000.0, intensity, intensity_error, early_share: 1.0 };
-                SeriesPoint { value, level }
+                SeriesPoint { value, level, spl_1m_db: None }
             })
             .collect()
     }
@@ -225,7 +237,8 @@ mod tests {
             levels: vec![series([(0.0, db)], 0.0)[0].level],
         };
         let sets = [vec![reception(1.0)], vec![reception(2.0)], vec![reception(3.0)]];
-        let all = Series::collect([(0.5, &sets[0][..]), (0.1, &sets[1][..]), (0.3, &sets[2][..])]);
+        let at = |value, i: usize| SweepValue { value, receptions: &sets[i], spl_1m_db: vec![] };
+        let all = Series::collect(&[at(0.5, 0), at(0.1, 1), at(0.3, 2)]);
         assert_eq!(all.len(), 1);
         let order: Vec<f64> = all[0].points.iter().map(|p| p.level.level_db().round()).collect();
         assert_eq!(order, vec![2.0, 3.0, 1.0]);

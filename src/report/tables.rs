@@ -20,10 +20,10 @@ fn optional(x: Option<f64>) -> String {
     x.map(number).unwrap_or_default()
 }
 
-/// The fields of [`LEVEL_COLUMNS`].
-fn level_fields(run: &Run, source: &str, band: usize, level: &BandLevel) -> [String; 4] {
+/// The fields of [`LEVEL_COLUMNS`]; `spl_1m_db`: sound pressure level of the source's free field at 1 m.
+fn level_fields(level: &BandLevel, spl_1m_db: Option<f64>) -> [String; 4] {
     let early = BandLevel { intensity: level.intensity * level.early_share, ..*level };
-    let spl = run.spl_1m_db(source, band).map(|at_1m| at_1m + level.level_db());
+    let spl = spl_1m_db.map(|at_1m| at_1m + level.level_db());
     [number(level.level_db()), number(level.std_error_db()), number(early.level_db()), optional(spl)]
 }
 
@@ -41,7 +41,7 @@ pub fn write_bands<'a>(
     for r in receptions {
         for (band, level) in r.levels.iter().enumerate() {
             let place = [r.source.clone(), r.probe.clone(), number(level.band_hz)];
-            csv.write_record(place.iter().chain(&level_fields(run, &r.source, band, level)))?;
+            csv.write_record(place.iter().chain(&level_fields(level, run.spl_1m_db(&r.source, band))))?;
         }
     }
     csv.flush()
@@ -51,7 +51,7 @@ pub fn write_bands<'a>(
 ///
 /// # Errors
 /// What the writer says.
-pub fn write_sweep(out: impl Write, run: &Run, series: &[Series]) -> io::Result<()> {
+pub fn write_sweep(out: impl Write, series: &[Series]) -> io::Result<()> {
     let mut rows: Vec<_> = series.iter().enumerate().flat_map(|(i, s)| s.points.iter().map(move |p| (i, p))).collect();
     rows.sort_by(|(i, a), (j, b)| a.value.total_cmp(&b.value).then(i.cmp(j)));
     let mut csv = csv::Writer::from_writer(out);
@@ -59,7 +59,7 @@ pub fn write_sweep(out: impl Write, run: &Run, series: &[Series]) -> io::Result<
     for (i, point) in rows {
         let s = &series[i];
         let place = [number(point.value), s.source.clone(), s.probe.clone(), number(s.band_hz)];
-        csv.write_record(place.iter().chain(&level_fields(run, &s.source, s.band, &point.level)))?;
+        csv.write_record(place.iter().chain(&level_fields(&point.level, point.spl_1m_db)))?;
     }
     csv.flush()
 }

@@ -68,7 +68,13 @@ impl EnergyCurve {
             .and_then(|e| e.energy.get(band).map(|bins| (carried_over(bins), e.bin_s)))
             .filter(|(_, bin_s)| *bin_s > 0.0)
             .unwrap_or((Vec::new(), 1.0));
-        Self { arriving: sums_from(arrivals.iter().map(|a| a.1)), left: sums_from(bins.iter().copied()), arrivals, bins, bin_s }
+        Self {
+            arriving: sums_from(arrivals.iter().map(|a| a.1)),
+            left: sums_from(bins.iter().copied()),
+            arrivals,
+            bins,
+            bin_s,
+        }
     }
 
     /// All energy.

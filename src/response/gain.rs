@@ -10,7 +10,7 @@ use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
 
 use super::late::smooth_length;
-use super::spectrum::{Between, Shaper, between_hz, fade};
+use super::spectrum::{Between, SILENT_LN, Shaper, between_hz, fade, minimum_phase};
 use crate::scene::Band;
 
 /// Remaining error of a band's white mean at which the iteration stops, in dB.
@@ -20,11 +20,11 @@ const FILTER_GOAL_DB: f64 = 0.2;
 /// Orders of the Butterworth band-passes: class 1 is met from 3 on (4 near half the sample rate).
 const FILTER_ORDERS: [i32; 2] = [3, 4];
 /// Pieces per octave into which the spectrum is summed for the fit.
-const PIECES: f64 = 96.0;
+const PIECES: f64 = 64.0;
 /// Distance of the gain's support points in octaves.
 const SUPPORT_OCTAVES: f64 = 0.25;
 /// Weights of white means, of filtered means and of the gain's curvature in the least squares.
-const WEIGHTS: [f64; 3] = [30.0, 1.0, 0.05];
+const WEIGHTS: [f64; 3] = [30.0, 1.0, 0.03];
 /// Largest gain or loss, in nepers of amplitude (about 52 dB).
 const LIMIT: f64 = 6.0;
 
@@ -38,6 +38,14 @@ struct Mean {
     energies: Vec<f64>,
 }
 
+/// The weights of a filtered mean.
+struct Filter {
+    band: usize,
+    first_piece: usize,
+    /// Weight of |H|^2 of each bin of a piece, from `first_piece` on; pieces that matter less than 1e-9 are left out.
+    shares: Vec<f64>,
+}
+
 /// Measures the means of a spectrum, piece by piece.
 struct Meter<'a> {
     bands: &'a [Band],
@@ -48,8 +56,8 @@ struct Meter<'a> {
     piece: Vec<usize>,
     /// Frequency of each piece in Hz.
     piece_hz: Vec<f64>,
-    /// Shares of the pieces in each filtered mean, `[band][order][piece]`, one a bin of the piece.
-    filters: Vec<Vec<Vec<f64>>>,
+    /// Filtered means.
+    filters: Vec<Filter>,
 }
 
 impl<'a> Meter<'a> {
@@ -76,15 +84,16 @@ impl<'a> Meter<'a> {
         }
         let filters = bands
             .iter()
-            .map(|b| {
-                let orders = FILTER_ORDERS.iter().filter(|_| b.high_hz < 0.49 * rate);
-                orders
-                    .map(|order| {
-                        let power: Vec<f64> = piece_hz.iter().map(|hz| butterworth(b, *hz, rate, *order)).collect();
-                        let sum: f64 = power.iter().zip(&sizes).map(|(p, n)| p * n).sum();
-                        power.into_iter().map(|p| p / sum).collect()
-                    })
-                    .collect()
+            .enumerate()
+            .filter(|(_, b)| b.high_hz < 0.49 * rate)
+            .flat_map(|(band, b)| FILTER_ORDERS.map(|order| (band, b, order)))
+            .map(|(band, b, order)| {
+                let power: Vec<f64> = piece_hz.iter().map(|hz| butterworth(b, *hz, rate, order)).collect();
+                let sum: f64 = power.iter().zip(&sizes).map(|(p, n)| p * n).sum();
+                let matters = |i: &usize| power[*i] * sizes[*i] > 1e-9 * sum;
+                let first_piece = (0..power.len()).find(matters).unwrap_or(0);
+                let last_piece = (0..power.len()).rfind(matters).unwrap_or(0);
+                Filter { band, first_piece, shares: power[first_piece..=last_piece].iter().map(|p| p / sum).collect() }
             })
             .collect();
         Self { bands, sample_rate_hz: rate, grid, piece, piece_hz, filters }
@@ -98,8 +107,11 @@ impl<'a> Meter<'a> {
             energy[*piece] += p;
         }
         let white = (0..self.bands.len()).map(|b| self.white_mean(b, &power));
-        let filtered = self.filters.iter().enumerate().flat_map(|(band, orders)| {
-            orders.iter().map(|shares| Mean { band, filtered: true, first_piece: 0, energies: product(shares, &energy) }).collect::<Vec<_>>()
+        let filtered = self.filters.iter().map(|f| Mean {
+            band: f.band,
+            filtered: true,
+            first_piece: f.first_piece,
+            energies: f.shares.iter().zip(&energy[f.first_piece..]).map(|(share, e)| share * e).collect(),
         });
         white.chain(filtered).collect()
     }
@@ -120,10 +132,6 @@ impl<'a> Meter<'a> {
         }
         Mean { band: b, filtered: false, first_piece, energies }
     }
-}
-
-fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
-    a.iter().zip(b).map(|(a, b)| a * b).collect()
 }
 
 /// |F|^2 of a digital Butterworth band-pass of the given order with -3 dB at the band's edges (bilinear transform).
@@ -165,10 +173,10 @@ pub(super) fn match_bands(
 
     let silent: Vec<bool> = target.iter().map(|t| *t <= 0.0).collect();
     let step = meter.sample_rate_hz / meter.grid as f64;
-    if silent.contains(&true) {
-        for (k, h) in raw.iter_mut().enumerate() {
-            *h *= fade(meter.bands, &silent, k as f64 * step);
-        }
+    let fades: Option<Vec<f64>> =
+        silent.contains(&true).then(|| (0..raw.len()).map(|k| fade(meter.bands, &silent, k as f64 * step)).collect());
+    for (h, f) in raw.iter_mut().zip(fades.iter().flatten()) {
+        *h *= f;
     }
     let means = meter.means(&raw);
     let mut worst = Worst::of(&means, target);
@@ -184,14 +192,24 @@ pub(super) fn match_bands(
     let mut ln_gain = vec![0.0; nodes_hz.len()];
     let mut best: Option<(Worst, Vec<f64>)> = None;
     let mut spectrum = raw.clone();
-    for _ in 0..5 {
+    for _ in 0..8 {
         fit(&means, &wanted, &places, &mut ln_gain);
-        let phase = shaper.gain_phase(&silent, |hz| between_hz(&nodes_hz, hz).of(&ln_gain));
+        let (coarse, share) = shaper.gain_phase(&silent, |hz| between_hz(&nodes_hz, hz).of(&ln_gain));
         let ratio = shaper.length() as f64 / meter.grid as f64;
+        // The flanks of a silent band are too steep for the pulse grid.
+        let fine = fades.as_ref().map(|fades| {
+            let ln = bins.iter().zip(fades).map(|(b, f)| b.of(&ln_gain) + f.ln().max(SILENT_LN));
+            minimum_phase(&ln.collect::<Vec<_>>(), &forward, &inverse)
+        });
         for (k, (s, r)) in spectrum.iter_mut().zip(&raw).enumerate() {
-            let position = k as f64 * ratio;
-            let cell = (position as usize).min(phase.len() - 2);
-            let angle = phase[cell] + (position - cell as f64) * (phase[cell + 1] - phase[cell]);
+            let angle = match &fine {
+                Some(fine) => share * fine[k],
+                None => {
+                    let position = k as f64 * ratio;
+                    let cell = (position as usize).min(coarse.len() - 2);
+                    coarse[cell] + (position - cell as f64) * (coarse[cell + 1] - coarse[cell])
+                }
+            };
             *s = r * Complex64::from_polar(bins[k].of(&ln_gain).exp() / meter.grid as f64, angle);
         }
         spectrum[0].im = 0.0;
@@ -256,13 +274,13 @@ impl Worst {
     }
 }
 
-/// Support points of the gain: the bands' edges and points between them, at most a quarter of an octave (but in narrow
-/// bands half a band) apart.
+/// Support points of the gain: the bands' edges and points between them, about a quarter of an octave (in narrow
+/// bands a third of a band) apart.
 fn support(bands: &[Band]) -> Vec<f64> {
     let mut nodes: Vec<f64> = Vec::new();
     for b in bands {
         let octaves = (b.high_hz / b.low_hz).log2();
-        let parts = ((octaves / SUPPORT_OCTAVES).round() as usize).clamp(2, 64);
+        let parts = ((octaves / SUPPORT_OCTAVES).round() as usize).clamp(3, 64);
         for i in 0..=parts {
             let hz = b.low_hz * (octaves * i as f64 / parts as f64).exp2();
             if nodes.last().is_none_or(|last| hz > last * 1.0001) {
@@ -292,14 +310,14 @@ fn fit(means: &[Mean], wanted: &[Option<f64>], places: &[Between], ln_gain: &mut
             let gained = here.cost - there.cost;
             *ln_gain = next;
             damping = (0.2 * damping).max(1e-9);
-            let settled = gained < 1e-7 * here.cost + 1e-12;
+            let settled = gained < 1e-4 * here.cost + 1e-9;
             here = there;
             if settled {
                 return;
             }
         } else {
             damping *= 5.0;
-            if !(damping < 1e9) {
+            if damping > 1e9 {
                 return;
             }
         }

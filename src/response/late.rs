@@ -19,19 +19,30 @@ use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 /// Half width of the cross-fade between two bands, as a share of the narrower one's width in octaves.
 const CROSSFADE_SHARE: f64 = 1.0 / 6.0;
 
-/// `length` samples of noise with the energy curves' bins (`curves`: one a band), delayed by `shift_s`.
+/// The time axis of a response.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TimeAxis {
+    /// Sample rate in Hz.
+    pub(super) sample_rate_hz: f64,
+    /// Number of samples.
+    pub(super) length: usize,
+    /// Time in s added to every delay of the reception.
+    pub(super) shift_s: f64,
+}
+
+/// Noise with the energy curves' bins (`curves`: one a band of `bands`).
 pub(super) fn noise(
     reception: &Reception,
     curves: &[EnergyCurve],
     bands: &[Band],
-    sample_rate_hz: f64,
-    length: usize,
-    shift_s: f64,
+    axis: TimeAxis,
     seed: u64,
     planner: &mut RealFftPlanner<f64>,
 ) -> Vec<f64> {
+    let TimeAxis { sample_rate_hz, length, shift_s } = axis;
     let end_s = length as f64 / sample_rate_hz - shift_s;
-    let energy: Vec<f64> = curves.iter().map(|c| (c.remaining_in_bins(0.0) - c.remaining_in_bins(end_s)).max(0.0)).collect();
+    let energy: Vec<f64> =
+        curves.iter().map(|c| (c.remaining_in_bins(0.0) - c.remaining_in_bins(end_s)).max(0.0)).collect();
     let mut sum = vec![0.0; length];
     if energy.iter().all(|e| *e <= 0.0) {
         return sum;
@@ -69,7 +80,7 @@ pub(super) fn noise(
         }
         let done = inverse.process(&mut filtered, &mut samples);
         debug_assert!(done.is_ok());
-        let envelope = envelope(&curves[b], sample_rate_hz, length, shift_s);
+        let envelope = envelope(&curves[b], axis);
         let mut realised = 0.0;
         for (s, e) in samples.iter_mut().zip(&envelope) {
             *s *= e;
@@ -104,7 +115,8 @@ fn random_signs(reception: &Reception, seed: u64, length: usize) -> Vec<f64> {
 /// Square root of the share of the band's energy in each sample, from the bins' powers interpolated linearly between the
 /// bins' middles. Before the middle of the first bin with energy, and after the middle of the last, the power is held; nothing precedes
 /// the first bin's start or, if an early path arrives within that bin, that path.
-fn envelope(curve: &EnergyCurve, sample_rate_hz: f64, length: usize, shift_s: f64) -> Vec<f64> {
+fn envelope(curve: &EnergyCurve, axis: TimeAxis) -> Vec<f64> {
+    let TimeAxis { sample_rate_hz, length, shift_s } = axis;
     let mut envelope = vec![0.0; length];
     let (Some(first), Some(last)) =
         (curve.bins.iter().position(|e| *e > 0.0), curve.bins.iter().rposition(|e| *e > 0.0))
@@ -175,7 +187,7 @@ pub(super) fn smooth_length(least: usize) -> usize {
     loop {
         let mut rest = n;
         for p in [2, 3, 5] {
-            while rest % p == 0 {
+            while usize::is_multiple_of(rest, p) {
                 rest /= p;
             }
         }

@@ -109,9 +109,8 @@ fn of_band(reception: &Reception, band: usize, band_hz: f64) -> Metrics {
         let late = decay.energy_from(limit_s);
         (decay.total - late, late)
     };
-    let clarity = |(early, late): (f64, f64)| {
-        (early > 0.0 && late > 1e-14 * decay.total).then(|| 10.0 * (early / late).log10())
-    };
+    let clarity =
+        |(early, late): (f64, f64)| (early > 0.0 && late > 1e-14 * decay.total).then(|| 10.0 * (early / late).log10());
     Metrics {
         band_hz,
         edt,
@@ -265,5 +264,5 @@ fn regression(points: &[(f64, f64)]) -> Option<(f64, f64)> {
         tl += (x - t) * (y - l);
         ll += (y - l) * (y - l);
     }
-    (points.len() > 2 && tt > 0.0 && tl < -1e-12 * tt).then(|| (tl / tt, tl / (tt * ll).sqrt()))
+    (points.len() > 2 && tt > 0.0 && tl < -1e-12 * tt).then(|| (tl / tt, (tl / (tt * ll).sqrt()).max(-1.0)))
 }

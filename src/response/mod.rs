@@ -36,6 +36,8 @@ use spectrum::{Shaper, ln_magnitude};
 
 /// Time in s that a response lasts beyond its last sound, for the lowest band's pulse and for a filter to ring down.
 const TAIL_S: f64 = 0.1;
+/// The same where some bands are silent and others not: steep flanks ring longer.
+const TAIL_BESIDE_SILENCE_S: f64 = 0.3;
 /// Share of a band's energy at which the decay counts as over: 60 dB.
 const DECAYED: f64 = 1e-6;
 /// Largest number of samples (about 1.5 hours at 48 kHz; the WAV stays below its format's 4 GiB).
@@ -112,7 +114,7 @@ impl Response {
 }
 
 /// Length in s that holds a reception: until in every band 60 dB of the energy have decayed, or the last path or the
-/// echogram has ended, and 0.1 s.
+/// echogram has ended, and 0.1 s (0.3 s where some bands are silent) to ring down.
 pub fn suggested_length_s(reception: &Reception) -> f64 {
     let bands = reception.levels.len().max(reception.paths.first().map_or(0, |p| p.intensity.len()));
     let shift_s = earliest_shift_s(reception);
@@ -121,7 +123,8 @@ pub fn suggested_length_s(reception: &Reception) -> f64 {
         .filter(|c| c.total() > 0.0)
         .map(|c| c.time_of_share(DECAYED) + shift_s)
         .fold(0.0, f64::max);
-    decayed_s + TAIL_S
+    let silent = reception.levels.iter().filter(|l| l.intensity <= 0.0).count();
+    decayed_s + if silent == 0 || silent == reception.levels.len() { TAIL_S } else { TAIL_BESIDE_SILENCE_S }
 }
 
 /// What must be added to all delays so that none is negative (a plane wave's may be), in s.
@@ -145,7 +148,7 @@ pub fn render(
     let rate = f64::from(options.sample_rate_hz);
     let length_s = options.length_s.unwrap_or_else(|| suggested_length_s(reception));
     let length = (length_s * rate).ceil();
-    if !(length >= 1.0 && length <= MAX_SAMPLES) {
+    if !(1.0..=MAX_SAMPLES).contains(&length) {
         return Err(refusal(
             reception,
             format!("{length_s} s at {rate} Hz is no possible length"),
@@ -171,7 +174,10 @@ pub fn render(
     let shift_s = earliest_shift_s(reception);
     if shift_s > 0.0 {
         warnings.push(Warning {
-            observation: format!("The wave reaches the probe before the source; the response starts {shift_s} s early."),
+            observation: format!(
+                "The wave reaches {} before the source; time 0 of the response is {shift_s} s before its emission.",
+                reception.probe
+            ),
             remedy: "Place a plane wave's source upstream of all probes.".into(),
         });
     }
@@ -196,13 +202,14 @@ pub fn render(
     if target.iter().any(|t| *t > 0.0) {
         let mut planner = RealFftPlanner::new();
         let mut shaper = Shaper::new(bands, rate, &mut planner);
-        add_paths(reception, &mut shaper, shift_s, &mut samples);
-        let noise = late::noise(reception, &curves, bands, rate, length, shift_s, options.seed, &mut planner);
+        add_paths(reception, &target, &mut shaper, shift_s, &mut samples);
+        let axis = late::TimeAxis { sample_rate_hz: rate, length, shift_s };
+        let noise = late::noise(reception, &curves, bands, axis, options.seed, &mut planner);
         for (sum, n) in samples.iter_mut().zip(noise) {
             *sum += n;
         }
         let errors = gain::match_bands(&mut samples, &target, &mut shaper, &mut planner);
-        for (band, error) in bands.iter().zip(errors).filter(|(_, e)| !(e.abs() <= REPORTED_DB)) {
+        for (band, error) in bands.iter().zip(errors).filter(|(_, e)| e.is_nan() || e.abs() > REPORTED_DB) {
             warnings.push(Warning {
                 observation: format!(
                     "The response of {} at {} misses the level of the {} Hz band by {error:.2} dB.",
@@ -221,8 +228,8 @@ fn centre(band: &Band) -> f64 {
     spectrum::centre_hz(band)
 }
 
-/// Adds one pulse a path.
-fn add_paths(reception: &Reception, shaper: &mut Shaper<'_>, shift_s: f64, samples: &mut [f64]) {
+/// Adds one pulse a path. Bands that are silent altogether (`target` 0) are left to the gain at the end.
+fn add_paths(reception: &Reception, target: &[f64], shaper: &mut Shaper<'_>, shift_s: f64, samples: &mut [f64]) {
     let bands = shaper.bands();
     for path in &reception.paths {
         let intensity = &path.intensity[..bands.len()];
@@ -230,7 +237,7 @@ fn add_paths(reception: &Reception, shaper: &mut Shaper<'_>, shift_s: f64, sampl
         if intensity.iter().all(|e| *e <= 0.0) || arrival >= samples.len() as f64 {
             continue;
         }
-        let silent: Vec<bool> = intensity.iter().map(|e| *e <= 0.0).collect();
+        let silent: Vec<bool> = intensity.iter().zip(target).map(|(e, t)| *e <= 0.0 && *t > 0.0).collect();
         // Delays are sums of rounded lengths: a billionth of a sample is no delay.
         let whole = (arrival + 1e-9).floor();
         let fraction = (arrival - whole).max(0.0);

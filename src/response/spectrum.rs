@@ -13,9 +13,9 @@ use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use crate::scene::Band;
 
 /// Floor of a silent band in the phase computation, 80 dB below the rest; the magnitude itself is 0 there.
-const SILENT_LN: f64 = -9.210340371976184;
+pub(super) const SILENT_LN: f64 = -9.210340371976184;
 /// Share of a band's width in octaves over which it fades towards a silent neighbour.
-const FADE_SHARE: f64 = 1.0 / 6.0;
+const FADE_SHARE: f64 = 1.0 / 3.0;
 
 /// Where a frequency lies between support points: value = (1 - share) v[point] + share v[next].
 #[derive(Debug, Clone, Copy)]
@@ -42,11 +42,8 @@ pub(super) fn between_hz(points_hz: &[f64], hz: f64) -> Between {
     let above = points_hz.partition_point(|p| *p <= hz);
     let point = above.saturating_sub(1);
     let next = above.min(points_hz.len() - 1);
-    let share = if point == next {
-        0.0
-    } else {
-        (hz / points_hz[point]).ln() / (points_hz[next] / points_hz[point]).ln()
-    };
+    let share =
+        if point == next { 0.0 } else { (hz / points_hz[point]).ln() / (points_hz[next] / points_hz[point]).ln() };
     Between { point, next, share }
 }
 
@@ -119,7 +116,7 @@ pub(super) fn fill_silent(values: &mut [f64], silent: &[bool]) {
 }
 
 /// Factor that silences the silent bands: 0 over the whole band, and beyond the outermost band if that is silent; a raised
-/// cosine inside the neighbours, over a sixth of their width in octaves; 1 elsewhere.
+/// cosine inside the neighbours, over a third of their width in octaves; 1 elsewhere.
 pub(super) fn fade(bands: &[Band], silent: &[bool], hz: f64) -> f64 {
     let Some(b) = bands.iter().position(|b| hz <= b.high_hz).or(bands.len().checked_sub(1)) else { return 1.0 };
     if silent[b] {
@@ -141,6 +138,32 @@ pub(super) fn fade(bands: &[Band], silent: &[bool], hz: f64) -> f64 {
 struct Fade {
     magnitude: Vec<f64>,
     phase: Vec<f64>,
+}
+
+/// Minimum phase of ln |H| = `ln_magnitude` (bins 0 to half of an even transform length), from the folded real cepstrum
+/// (A. V. Oppenheim and R. W. Schafer, Discrete-Time Signal Processing, chapter on cepstrum analysis).
+pub(super) fn minimum_phase(
+    ln_magnitude: &[f64],
+    forward: &Arc<dyn RealToComplex<f64>>,
+    inverse: &Arc<dyn ComplexToReal<f64>>,
+) -> Vec<f64> {
+    let mut spectrum: Vec<Complex64> = ln_magnitude.iter().map(|ln| Complex64::new(*ln, 0.0)).collect();
+    let mut cepstrum = inverse.make_output_vec();
+    // Buffers have the plans' own lengths, the only thing the transforms can object to.
+    let done = inverse.process(&mut spectrum, &mut cepstrum);
+    debug_assert!(done.is_ok());
+    let (half, scale) = (cepstrum.len() / 2, 1.0 / cepstrum.len() as f64);
+    for (n, c) in cepstrum.iter_mut().enumerate() {
+        *c *= match n {
+            0 => scale,
+            n if n < half => 2.0 * scale,
+            n if n == half => scale,
+            _ => 0.0,
+        };
+    }
+    let done = forward.process(&mut cepstrum, &mut spectrum);
+    debug_assert!(done.is_ok());
+    spectrum.iter().map(|s| s.im).collect()
 }
 
 /// Makes pulses with given band values, as near to minimum phase as their peak allows.
@@ -203,26 +226,9 @@ impl<'a> Shaper<'a> {
         self.length
     }
 
-    /// Minimum phase of `ln_magnitude` on the pulse grid, from the folded real cepstrum (Oppenheim and Schafer).
+    /// Minimum phase of `ln_magnitude` on the pulse grid.
     fn minimum_phase(&mut self, ln_magnitude: &[f64]) -> Vec<f64> {
-        for (s, ln) in self.spectrum.iter_mut().zip(ln_magnitude) {
-            *s = Complex64::new(*ln, 0.0);
-        }
-        self.transform_back();
-        let half = self.length / 2;
-        let scale = 1.0 / self.length as f64;
-        for (n, c) in self.pulse.iter_mut().enumerate() {
-            *c *= match n {
-                0 => scale,
-                n if n < half => 2.0 * scale,
-                n if n == half => scale,
-                _ => 0.0,
-            };
-        }
-        // Buffers have the plan's own lengths, the only thing the transform can object to.
-        let done = self.forward.process(&mut self.pulse, &mut self.spectrum);
-        debug_assert!(done.is_ok());
-        self.spectrum.iter().map(|s| s.im).collect()
+        minimum_phase(ln_magnitude, &self.forward, &self.inverse)
     }
 
     /// Inverse transform of `spectrum` into `pulse`, unscaled; the ends of the spectrum are made real.
@@ -275,8 +281,9 @@ impl<'a> Shaper<'a> {
         &self.pulse
     }
 
-    /// Phase on the pulse grid of a gain exp(`ln_gain`(f)) with `silent` bands faded out, chosen as for a pulse.
-    pub(super) fn gain_phase(&mut self, silent: &[bool], ln_gain: impl Fn(f64) -> f64) -> Vec<f64> {
+    /// Phase on the pulse grid of a gain exp(`ln_gain`(f)) with `silent` bands faded out, chosen as for a pulse, and its
+    /// share of the minimum phase.
+    pub(super) fn gain_phase(&mut self, silent: &[bool], ln_gain: impl Fn(f64) -> f64) -> (Vec<f64>, f64) {
         self.prepare_fade(silent);
         let ln: Vec<f64> = self.frequencies().map(ln_gain).collect();
         let mut phase = self.minimum_phase(&ln);
@@ -287,12 +294,12 @@ impl<'a> Shaper<'a> {
                 *m *= fade.magnitude[k];
             }
         }
-        self.settle(&magnitude, &mut phase, 0.0);
-        phase
+        let share = self.settle(&magnitude, &mut phase, 0.0);
+        (phase, share)
     }
 
-    /// Makes the pulse of a spectrum and reduces its phase until the peak is in time.
-    fn settle(&mut self, magnitude: &[f64], phase: &mut [f64], fraction: f64) {
+    /// Makes the pulse of a spectrum and reduces its phase until the peak is in time, to the share returned.
+    fn settle(&mut self, magnitude: &[f64], phase: &mut [f64], fraction: f64) -> f64 {
         let scale = 1.0 / self.length as f64;
         let turn = Complex64::cis(-std::f64::consts::TAU * fraction / self.length as f64);
         let mut share = 1.0;
@@ -312,6 +319,7 @@ impl<'a> Shaper<'a> {
         for p in phase {
             *p *= share;
         }
+        share
     }
 
     /// Whether the largest sample lies within one sample of the nominal arrival.
@@ -358,10 +366,10 @@ mod tests {
             [1e-3, 1.0, 1e-3, 0.3, 0.31, 1e-4, 2e-4, 1.0],
         ] {
             let ln = ln_magnitude(&bands, &wanted);
-            for b in 0..8 {
+            for (b, wanted) in wanted.iter().enumerate() {
                 let mean = mean_by_sampling(&bands, &ln, b);
                 // 1e-6: the midpoint rule's own error over 20000 points.
-                assert!((mean / wanted[b] - 1.0).abs() < 1e-6, "{b}: {mean} {}", wanted[b]);
+                assert!((mean / wanted - 1.0).abs() < 1e-6, "{b}: {mean} {wanted}");
             }
         }
     }

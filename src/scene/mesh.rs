@@ -161,8 +161,15 @@ fn from_stl(bytes: &[u8]) -> Result<MeshFile, String> {
 
 /// glTF 2.0: `.glb`, or `.gltf` with its buffers in files beside it.
 fn from_gltf(bytes: &[u8], path: &Path) -> Result<MeshFile, String> {
-    let gltf::Gltf { document, mut blob } =
-        gltf::Gltf::from_slice(bytes).map_err(|error| format!("it is not a valid glTF file: {error}"))?;
+    let invalid = |error: gltf::Error| format!("it is not a valid glTF file: {error}");
+    let gltf::Gltf { document, mut blob } = gltf::Gltf::from_slice_without_validation(bytes).map_err(invalid)?;
+    let root = document.into_json();
+    // The validation of the library looks these up without a check of its own.
+    let mut attributes = root.meshes.iter().flat_map(|mesh| &mesh.primitives).flat_map(|part| part.attributes.values());
+    if attributes.any(|accessor| accessor.value() >= root.accessors.len()) {
+        return Err("a mesh uses an accessor that does not exist".to_owned());
+    }
+    let document = gltf::Document::from_json(root).map_err(invalid)?;
     let mut buffers = Vec::new();
     for buffer in document.buffers() {
         let data = match buffer.source() {
@@ -294,19 +301,14 @@ mod tests {
     fn stl_is_read_as_text_and_as_binary() {
         let text = b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid a\n";
         assert!((area(&from_stl(text).expect("valid")) - 0.5).abs() < 1e-12);
-        let mut binary = vec![0u8; 80];
-        binary.extend(1u32.to_le_bytes());
-        for number in [0.0f32, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
-            binary.extend(number.to_le_bytes());
-        }
-        binary.extend([0, 0]);
+        let mut binary = sample_stl();
         assert!((area(&from_stl(&binary).expect("valid")) - 0.5).abs() < 1e-12);
         binary.truncate(100);
         assert!(from_stl(&binary).is_err());
     }
 
-    #[test]
-    fn glb_triangles_follow_their_node_and_material() {
+    /// One triangle of area 1/2, doubled in size and moved by its node, of the material "wall".
+    fn sample_glb() -> Vec<u8> {
         let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],
             "nodes":[{"mesh":0,"translation":[10,0,0],"scale":[2,2,2]}],"materials":[{"name":"wall"}],
             "meshes":[{"primitives":[{"attributes":{"POSITION":0},"material":0}]}],
@@ -327,6 +329,12 @@ mod tests {
         glb.extend((data.len() as u32).to_le_bytes());
         glb.extend(b"BIN\0");
         glb.extend(&data);
+        glb
+    }
+
+    #[test]
+    fn glb_triangles_follow_their_node_and_material() {
+        let mut glb = sample_glb();
         let mesh = from_gltf(&glb, Path::new("a.glb")).expect("valid");
         assert_eq!(mesh.names, ["wall"]);
         assert_eq!(mesh.triangles[0][0], DVec3::new(10.0, 0.0, 0.0));
@@ -341,5 +349,61 @@ mod tests {
         assert!(from_obj(b"v 0 0 0\nf 1 2 3\n").is_err());
         assert!(from_obj(b"\xff\xfe").is_err());
         assert!(from_gltf(b"not gltf", Path::new("a.gltf")).is_err());
+    }
+
+    fn sample_stl() -> Vec<u8> {
+        let mut binary = vec![0u8; 80];
+        binary.extend(1u32.to_le_bytes());
+        for number in [0.0f32, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
+            binary.extend(number.to_le_bytes());
+        }
+        binary.extend([0, 0]);
+        binary
+    }
+
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..ProptestConfig::default() })]
+
+        #[test]
+        fn a_damaged_file_never_panics(places in prop::collection::vec((0.0..1.0f64, any::<u8>(), 0usize..3), 1..5)) {
+            const OBJ: &[u8] = b"v 0 0 0\nv 4 0 0\nv 4 0 4\nv 2 0 4\nv 2 0 2\nvn 0 1 0\nusemtl a\nf 1//1 2//1 3//1 4//1\nf -1 -2 -3\ng b\nl 1 2\n";
+            for (mut bytes, parse) in [
+                (OBJ.to_vec(), (|bytes, _| from_obj(bytes)) as fn(&[u8], &Path) -> Result<MeshFile, String>),
+                (sample_stl(), |bytes, _| from_stl(bytes)),
+                (sample_glb(), from_gltf),
+            ] {
+                for (place, byte, kind) in &places {
+                    let at = ((place * bytes.len() as f64) as usize).min(bytes.len().saturating_sub(1));
+                    match kind {
+                        0 if !bytes.is_empty() => bytes[at] = *byte,
+                        1 => bytes.insert(at, byte % 64 + b' '),
+                        _ => bytes.truncate(at),
+                    }
+                }
+                let _ = parse(&bytes, Path::new("a.glb"));
+            }
+        }
+
+        #[test]
+        fn a_glb_with_other_numbers_in_its_text_never_panics(which in 0usize..100, number in "[0-9]{1,10}|-1|5121|5123|5125|5126") {
+            let sample = sample_glb();
+            // The text part starts at byte 20; its length stands in bytes 12 to 16.
+            let length = u32::from_le_bytes([sample[12], sample[13], sample[14], sample[15]]) as usize;
+            let text = String::from_utf8_lossy(&sample[20..20 + length]).into_owned();
+            let digits: Vec<usize> = text.match_indices(|c: char| c.is_ascii_digit()).map(|(at, _)| at).collect();
+            let at = digits[which % digits.len()];
+            let mut json = format!("{}{number}{}", &text[..at], &text[at + 1..]).into_bytes();
+            json.resize(json.len().next_multiple_of(4), b' ');
+            let mut glb = sample[..8].to_vec();
+            let rest = &sample[20 + length..];
+            glb.extend((20 + json.len() as u32 + rest.len() as u32).to_le_bytes());
+            glb.extend((json.len() as u32).to_le_bytes());
+            glb.extend(b"JSON");
+            glb.extend(json);
+            glb.extend(rest);
+            let _ = from_gltf(&glb, Path::new("a.glb"));
+        }
     }
 }

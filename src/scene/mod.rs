@@ -11,6 +11,7 @@ mod materials;
 mod mesh;
 mod overrides;
 mod polygon;
+mod reference;
 mod room;
 pub mod room_file;
 mod spectrum;
@@ -25,6 +26,7 @@ pub use air::{
 pub use bands::{band, bands_between, nominal_centres_hz};
 pub use materials::{LibraryEntry, library};
 pub use overrides::{Override, parse_sweep};
+pub use reference::{Reference, ReferenceRow};
 pub use room::{Loaded, Room, RoomSource};
 pub use room_file::RoomFile;
 pub use spectrum::Spectrum;
@@ -405,6 +407,8 @@ pub struct Sweep {
     pub parameter: String,
     /// The values in the order given.
     pub values: Vec<f64>,
+    /// Levels from elsewhere to be shown beside the results.
+    pub reference: Option<Reference>,
 }
 
 /// A checked scene in SI units.

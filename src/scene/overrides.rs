@@ -362,7 +362,7 @@ impl Sweep {
             }
             other => other,
         })?;
-        Ok(Self { parameter: path.to_owned(), values })
+        Ok(Self { parameter: path.to_owned(), values, reference: None })
     }
 }
 

@@ -87,6 +87,34 @@ pub(super) fn contains(corners: &[DVec2], p: DVec2, slack: f64) -> bool {
     inside
 }
 
+/// Whether two polygons have an area in common, and not only points or sides (to `slack` m).
+pub(super) fn overlap(a: &[DVec2], b: &[DVec2], slack: f64) -> bool {
+    let well_inside = |polygon: &[DVec2], p: DVec2| {
+        contains(polygon, p, 0.0) && edges(polygon).all(|(from, to)| point_distance(p, from, to) > slack)
+    };
+    let cross = |(p, q): (DVec2, DVec2), (r, s): (DVec2, DVec2)| {
+        let side = |u: DVec2, v: DVec2, w: DVec2| (v - u).perp_dot(w - u) / (v - u).length();
+        let apart = |x: f64, y: f64| x.min(y) < -slack && x.max(y) > slack;
+        apart(side(p, q, r), side(p, q, s)) && apart(side(r, s, p), side(r, s, q))
+    };
+    edges(a).any(|first| edges(b).any(|second| cross(first, second)))
+        || points_of_interest(a).any(|p| well_inside(b, p))
+        || points_of_interest(b).any(|p| well_inside(a, p))
+}
+
+/// Corners, middles of sides and one point of the interior, which tells equal polygons from neighbours.
+fn points_of_interest(polygon: &[DVec2]) -> impl Iterator<Item = DVec2> + '_ {
+    edges(polygon).flat_map(|(a, b)| [a, (a + b) / 2.0]).chain(centre_of_an_ear(polygon))
+}
+
+/// The centre of the first triangle of neighbouring corners that lies in the polygon: a point of its interior.
+fn centre_of_an_ear(polygon: &[DVec2]) -> Option<DVec2> {
+    let n = polygon.len();
+    (0..n)
+        .map(|i| (polygon[i] + polygon[(i + 1) % n] + polygon[(i + 2) % n]) / 3.0)
+        .find(|p| contains(polygon, *p, 0.0))
+}
+
 /// Whether a rectangle lies wholly in the polygon, up to `slack` m.
 pub(super) fn contains_rectangle(corners: &[DVec2], x: [f64; 2], y: [f64; 2], slack: f64) -> bool {
     let rectangle = [DVec2::new(x[0], y[0]), DVec2::new(x[1], y[0]), DVec2::new(x[1], y[1]), DVec2::new(x[0], y[1])];
@@ -147,6 +175,19 @@ mod tests {
         let u =
             points(&[(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (2.0, 3.0), (2.0, 1.0), (1.0, 1.0), (1.0, 3.0), (0.0, 3.0)]);
         assert!(!contains_rectangle(&u, [0.5, 2.5], [0.5, 2.5], 1e-9));
+    }
+
+    #[test]
+    fn neighbours_share_no_area_and_equal_polygons_do() {
+        let square = |x: f64, size: f64| points(&[(x, 0.0), (x + size, 0.0), (x + size, size), (x, size)]);
+        assert!(!overlap(&square(0.0, 1.0), &square(1.0, 1.0), 1e-6));
+        assert!(!overlap(&square(0.0, 1.0), &square(3.0, 1.0), 1e-6));
+        assert!(overlap(&square(0.0, 1.0), &square(0.0, 1.0), 1e-6));
+        assert!(overlap(&square(0.0, 1.0), &square(0.5, 1.0), 1e-6));
+        assert!(overlap(&square(0.0, 4.0), &square(1.0, 1.0), 1e-6));
+        // The square in the notch of the ell.
+        let notch = points(&[(2.0, 2.0), (4.0, 2.0), (4.0, 4.0), (2.0, 4.0)]);
+        assert!(!overlap(&points(&ELL), &notch, 1e-6));
     }
 
     #[test]

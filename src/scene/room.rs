@@ -79,7 +79,7 @@ impl Room {
     /// # Errors
     /// The first mistake: where, what is wrong, what is allowed, and a hint.
     pub fn load(&self, overrides: &[Override]) -> Result<Loaded> {
-        let (scene, warnings) = self.check(overrides, |scene, at, place| {
+        let (scene, warnings) = self.check(overrides, true, |scene, at, place| {
             let Some(sweep) = &scene.sweep else { return Ok(()) };
             let lowest = sweep.values.iter().copied().fold(f64::INFINITY, f64::min);
             let highest = sweep.values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -94,20 +94,23 @@ impl Room {
         Ok(Loaded { scene, source: self.source.clone(), warnings })
     }
 
-    /// The scene of one value of a sweep, on top of other overrides. Geometry files are read once for all values.
+    /// The scene of one value of a sweep, on top of other overrides; it has no sweep of its own. Geometry files are read
+    /// once for all values.
     ///
     /// # Errors
     /// As [`Room::load`].
     pub fn scene_at(&self, overrides: &[Override], parameter: &str, value: f64) -> Result<Scene> {
         let mut all = overrides.to_vec();
         all.push(Override::sweep_value(parameter, value));
-        self.check(&all, |_, _, _| Ok(())).map(|(scene, _)| scene)
+        self.check(&all, false, |_, _, _| Ok(())).map(|(scene, _)| scene)
     }
 
-    /// Text -> values -> overrides -> types -> checks; `last` has the final word, with the place of `[sweep]`.
+    /// Text -> values -> overrides -> types -> checks; `last` has the final word, with the place of `[sweep]`, which is
+    /// taken out unless it is wanted.
     fn check(
         &self,
         overrides: &[Override],
+        with_sweep: bool,
         last: impl FnOnce(&Scene, &Locator<'_>, std::ops::Range<usize>) -> Result<()>,
     ) -> Result<(Scene, Vec<Warning>)> {
         let RoomSource { file, text, .. } = &self.source;
@@ -115,6 +118,9 @@ impl Room {
         let mut root = DeTable::parse(text).map_err(|error| at.toml_error(&error))?;
         for one in overrides {
             one.apply(root.get_mut(), &mut at)?;
+        }
+        if !with_sweep {
+            root.get_mut().remove("sweep");
         }
         let room = RoomFile::deserialize(toml::Deserializer::from(root)).map_err(|error| at.toml_error(&error))?;
         let surroundings = Surroundings {

@@ -276,6 +276,8 @@ pub struct SweepTable {
     pub step: Option<Spanned<f64>>,
     /// All values, instead.
     pub values: Option<Spanned<Vec<Spanned<f64>>>>,
+    /// CSV file of levels to compare with, relative to the room file.
+    pub reference: Option<Spanned<String>>,
 }
 
 /// A whole number from 0, which may be written 1e7.

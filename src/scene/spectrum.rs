@@ -167,7 +167,10 @@ fn check_value(value: f64, span: std::ops::Range<usize>, quantity: &Quantity<'_>
 fn interpolate(points: &[(f64, f64)], x: f64) -> f64 {
     let after = points.partition_point(|(px, _)| *px < x);
     match (after.checked_sub(1).and_then(|before| points.get(before)), points.get(after)) {
-        (Some((x0, y0)), Some((x1, y1))) => y0 + (y1 - y0) * (x - x0) / (x1 - x0),
+        (Some((x0, y0)), Some((x1, y1))) => {
+            let t = (x - x0) / (x1 - x0);
+            y0 * (1.0 - t) + y1 * t
+        }
         (Some((_, y)), None) | (None, Some((_, y))) => *y,
         (None, None) => 0.0,
     }

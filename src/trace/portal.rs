@@ -13,7 +13,7 @@ use glam::DVec3;
 
 use crate::geometry::{Geometry, Portal, Skip};
 use crate::scene::{BoxRoom, Frame, Host, Scene};
-use crate::wbsdf::scatter::PortalScatter;
+use crate::wbsdf::scatter::{PortalScatter, diffuse_transmission};
 
 /// What a portal does to a ray: the interface to the wave model.
 ///
@@ -29,6 +29,9 @@ pub trait Crossing: Sync {
 
     /// Solid angle of the lobe in band `band` in sr: small = peaked.
     fn lobe_sr(&self, band: usize) -> f64;
+
+    /// Transmission coefficient for diffuse incidence, one a band: transmitted power over the power that meets the open area.
+    fn transmission(&self, bands: usize) -> Vec<f64>;
 }
 
 impl Crossing for PortalScatter {
@@ -43,7 +46,14 @@ impl Crossing for PortalScatter {
     fn lobe_sr(&self, band: usize) -> f64 {
         self.lobe_sr(band)
     }
+
+    fn transmission(&self, bands: usize) -> Vec<f64> {
+        diffuse_transmission(self, bands, TRANSMISSION_DRAWS)
+    }
 }
+
+/// Draws that estimate the transmission coefficient of an opening, to about 2 %.
+const TRANSMISSION_DRAWS: usize = 8192;
 
 /// Sides of a portal up to this width in m are widened to it by the capture region.
 const CAPTURE_WIDTH_M: f64 = 0.4;
@@ -114,6 +124,11 @@ impl Passage {
     /// Whether rays that travel along `sign` * normal reach this portal only through its capture region.
     pub(super) fn is_captured(&self, sign: f64) -> bool {
         self.capture[side(sign)].is_some()
+    }
+
+    /// Area of the opening over that of its capture region for rays along `sign` * normal; 1 without one.
+    pub(super) fn capture_ratio(&self, sign: f64) -> f64 {
+        self.capture[side(sign)].map_or(1.0, |capture| capture.ratio)
     }
 
     /// Where a ray that hits the wall at `point`, travelling along `sign` * normal, passes the opening, if it is captured.

@@ -20,18 +20,15 @@ use super::tally::Tally;
 use crate::geometry::{Element, Hit, Skip};
 use crate::scene::Source;
 
-/// Russian roulette begins when the largest weight of a branch falls below this share of its start (-30 dB), and keeps
-/// one ray in [`ROULETTE_ODDS`], so that a 60 dB decay is still carried by a thousandth of the rays.
-const ROULETTE_SHARE: f32 = 1e-3;
-/// One ray in this many survives the roulette.
-const ROULETTE_ODDS: f32 = 4.0;
+/// Russian roulette keeps the number of rays at this many times the square root of the power they have left: full
+/// strength to -10 dB, one in twenty at -35 dB, one in 300 at -60 dB. Levels come from the strong rays, decay times need
+/// some weak ones; the square root is the optimum between a number that follows the power (levels alone) and a constant one.
+const POPULATION: f32 = 3.0;
 
 /// After this many split-off rays the inclination of a history to split has halved: bounds the tree.
 const SPLIT_BUDGET: f64 = 16.0;
 
-/// Growth of the largest weight at a crossing that calls for no special care: the lobes of the bands differ.
-const ORDINARY_GAIN: f64 = 8.0;
-/// Rays into which one of full strength is split on its first passage of a portal.
+/// Rays into which one of full strength is split on its first passage of a portal that keeps its largest weight.
 const PORTAL_PARTS: f64 = 4.0;
 /// The most rays of one crossing.
 const MAX_PORTAL_PARTS: f64 = 64.0;
@@ -69,6 +66,8 @@ pub(super) struct Ray<const N: usize> {
     ratio: Lanes<N>,
     /// Largest weight at the start of this branch.
     reference: f32,
+    /// Probability with which the roulette has let this branch come so far.
+    kept: f32,
     skip: Skip,
     last: Last,
     reflections: u32,
@@ -101,6 +100,7 @@ impl<const N: usize> Ray<N> {
             self.passed[self.passed_count] = group;
             self.passed_count += 1;
             self.reference = peak(&self.weights).min(self.reference);
+            self.kept = 1.0;
         }
     }
 }
@@ -124,6 +124,7 @@ pub(super) fn trace_ray<S: Crossing, const N: usize>(
         weights,
         ratio: lanes(std::iter::repeat_n(1.0, stage.bands)),
         reference: 1.0,
+        kept: 1.0,
         skip: Skip::NONE,
         last: Last::Emission,
         reflections: 0,
@@ -140,6 +141,12 @@ pub(super) fn trace_ray<S: Crossing, const N: usize>(
         walk.follow(ray);
     }
     walk.tally.end_ray();
+}
+
+/// Whether the walls of a capture region rather than the opening itself make up for what it passes: where it is much
+/// smaller than the region.
+fn stage_diverts(ratio: f64) -> bool {
+    ratio < 0.5
 }
 
 /// One history in progress.
@@ -188,6 +195,9 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
                     }
                     let passage = &self.stage.passages[portal];
                     if passage.is_captured(sign) {
+                        if !stage_diverts(self.stage.passages[portal].capture_ratio(sign)) {
+                            self.bounce(&ray, portal, &hit);
+                        }
                         // Its share went into the captured rays.
                         self.tally.accounts.book_gain(Account::Portals, &ray.weights, &[0.0; N]);
                         return;
@@ -211,13 +221,15 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         if largest == 0.0 {
             return false;
         }
-        if largest >= ROULETTE_SHARE * ray.reference {
+        let power = largest * ray.kept / ray.reference;
+        if ray.kept <= 2.0 * POPULATION * power.sqrt() {
             return true;
         }
         let before = ray.weights;
-        let survives = self.stream.uniform() * f64::from(ROULETTE_ODDS) < 1.0;
-        let factor = if survives { ROULETTE_ODDS } else { 0.0 };
+        let survives = self.stream.uniform() < 0.5;
+        let factor = if survives { 2.0 } else { 0.0 };
         ray.weights.iter_mut().for_each(|w| *w *= factor);
+        ray.kept *= 0.5;
         self.tally.accounts.book_gain(Account::Resampling, &before, &ray.weights);
         survives
     }
@@ -268,8 +280,11 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         // The normal on the side the ray comes from.
         let normal = face.normal * -towards;
 
+        let mut diverted = [1.0; N];
         for &portal in &face.captures {
-            self.capture(ray, portal, hit);
+            if self.capture(ray, portal, hit) {
+                multiply(&mut diverted, &stage.diverted[portal]);
+            }
         }
         let material = &stage.materials[face.material];
         let side = usize::from(towards < 0.0);
@@ -282,9 +297,12 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         let incoming = ray.weights;
         multiply(&mut ray.weights, &material.reflected);
         self.tally.accounts.book_gain(Account::Absorbed, &ray.weights, &incoming);
+        let before = ray.weights;
+        multiply(&mut ray.weights, &diverted);
+        self.tally.accounts.book_gain(Account::Portals, &before, &ray.weights);
 
-        if material.uniform_scattering != Some(0.0) {
-            let skip = Skip { plane: Some(hit.plane), group: None };
+        if material.rain_probability > 0.0 && self.stream.uniform() < material.rain_probability {
+            let skip = Skip::reflected(hit);
             for probe in 0..stage.receivers.len() {
                 let to = stage.receivers[probe].position - hit.point;
                 let r2 = to.length_squared();
@@ -317,7 +335,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         ray.diffuse |= diffuse;
         ray.reflections += 1;
         ray.position = hit.point;
-        ray.skip = Skip { plane: Some(hit.plane), group: None };
+        ray.skip = Skip::reflected(hit);
     }
 
     /// Specular or diffuse where the bands differ. All bands share one decision, drawn with the mean of their
@@ -372,25 +390,47 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         self.tally.accounts.book(Account::Transmitted, &child.weights);
         child.position = hit.point + inward * through_m;
         child.length_m += through_m;
-        child.skip = Skip { plane: Some(hit.plane), group: Some(hit.group) };
+        child.skip = Skip::passed(hit);
         child.last = Last::Through;
         self.pending.push(child);
     }
 
-    /// Sends a share of a ray that hits the wall round a narrow opening through it.
-    fn capture(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) {
+    /// Sends a share of a ray that hits the wall round a narrow opening through it. Returns whether the hit lies in the
+    /// capture region and its reflection makes up for what the opening passes beyond (or short of) its area.
+    fn capture(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) -> bool {
         let passage = &self.stage.passages[portal];
         let sign = ray.direction.dot(passage.frame.normal).signum();
-        let Some(Captured { x_m, y_m, ratio }) = passage.captured(hit.point, sign) else { return };
+        let Some(Captured { x_m, y_m, ratio }) = passage.captured(hit.point, sign) else { return false };
+        let diverts = stage_diverts(ratio);
         let probability = self.split_probability(ray, hit.group, ratio);
         if self.stream.uniform() >= probability {
-            return;
+            return diverts;
         }
         let child = self.branch(ray, &[ratio as f32; N], probability);
         self.tally.accounts.book(Account::Portals, &child.weights);
-        // Where it explores, the ray's strength is in the probability already.
-        let strength = if ray.explores(hit.group) { 1.0 } else { child.strength() };
-        self.cross(child, portal, (x_m, y_m), strength, hit);
+        // The ray's strength is in the probability already.
+        self.cross(child, portal, (x_m, y_m), 1.0, hit);
+        diverts
+    }
+
+    /// What an opening does not pass of a ray that hits it is reflected: the share 1 - tau, negative where it passes more
+    /// than the power that meets its area. So the two rooms together neither gain nor lose.
+    fn bounce(&mut self, ray: &Ray<N>, portal: usize, hit: &Hit) {
+        let share = self.stage.remainder[portal];
+        let largest = f64::from(peak(&share));
+        let probability = largest.min(1.0);
+        if largest == 0.0 || self.stream.uniform() >= probability {
+            return;
+        }
+        let mut child = self.branch(ray, &share, probability);
+        self.tally.accounts.book(Account::Portals, &child.weights);
+        let normal = self.stage.passages[portal].frame.normal;
+        child.direction = (ray.direction - normal * (2.0 * ray.direction.dot(normal))).normalize();
+        child.position = hit.point;
+        child.skip = Skip::reflected(hit);
+        child.last = Last::Specular;
+        child.reflections += 1;
+        self.pending.push(child);
     }
 
     /// A crossing of the portal at local (x, y) in m: what it sends to the probes at once, and the rays that go on.
@@ -414,7 +454,7 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
         ray.position = frame.point(x_m, y_m) + frame.normal * (0.5 * sign * passage.thickness);
         ray.length_m += passage.thickness;
         ray.portals += 1;
-        ray.skip = Skip { plane: Some(hit.plane), group: Some(hit.group) };
+        ray.skip = Skip::passed(hit);
 
         if !self.is_covered(ray.diffuse, ray.reflections, ray.portals) {
             for probe in 0..stage.receivers.len() {
@@ -424,9 +464,9 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
             }
         }
 
-        let gain = self.pilot_gain(portal, (x_m, y_m), s_i) / ORDINARY_GAIN;
-        let eagerness = if ray.explores(hit.group) { PORTAL_PARTS * gain.max(1.0) } else { gain };
-        let parts = (eagerness * strength * self.budget()).round().clamp(1.0, MAX_PORTAL_PARTS) as u32;
+        let eagerness = if ray.explores(hit.group) { PORTAL_PARTS * self.budget() } else { 1.0 };
+        let gain = self.pilot_gain(portal, (x_m, y_m), s_i);
+        let parts = (eagerness * strength * gain).round().clamp(1.0, MAX_PORTAL_PARTS) as u32;
         self.split += parts - 1;
         ray.weights.iter_mut().for_each(|w| *w /= parts as f32);
         ray.enter(hit.group);

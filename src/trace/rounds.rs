@@ -12,8 +12,9 @@ use super::{CHUNK_RAYS, Crossing, Ended, Ledger, Progress, TraceOutcome, TracePl
 use crate::geometry::Geometry;
 use crate::scene::{Scene, SourceKind};
 
-/// Chunks a source in the first round.
-const FIRST_CHUNKS: u64 = 8;
+/// Chunks a source in the first round: 8192 rays, so that decay times are known to about 1 % even where the levels are
+/// known sooner.
+const FIRST_CHUNKS: u64 = 32;
 
 /// A standard error counts as known only once this many rays have reached the probe ...
 const ARRIVALS_FOR_AN_ERROR: u64 = 64;

@@ -13,10 +13,12 @@ use crate::scene::{Material, Scene};
 pub(super) struct MaterialLanes<const N: usize> {
     /// Reflected share, 1 - alpha.
     pub(super) reflected: Lanes<N>,
-    /// Diffuse rain: 4 (1 - alpha) s, the intensity at 1 m along the normal per unit of ray power.
+    /// Diffuse rain: 4 (1 - alpha) s, the intensity at 1 m along the normal per unit of ray power, over its probability.
     pub(super) rain: Lanes<N>,
     /// Diffuse share s of the reflected energy.
     pub(super) scattering: Lanes<N>,
+    /// Share of the hits that send diffuse rain: with little scattering most hits have little to send, and its expectation is kept.
+    pub(super) rain_probability: f64,
     /// The scattering where it is the same in all bands.
     pub(super) uniform_scattering: Option<f64>,
     /// Transmitted share of the incident energy.
@@ -27,9 +29,12 @@ impl<const N: usize> MaterialLanes<N> {
     fn new(material: &Material) -> Self {
         let pairs = || material.absorption.iter().zip(&material.scattering);
         let first = material.scattering.first().copied().unwrap_or(0.0);
+        let most = pairs().filter(|(a, _)| **a < 1.0).map(|(_, s)| *s).fold(0.0, f64::max);
+        let rain_probability = if most > 0.0 { (0.1 + 2.0 * most).min(1.0) } else { 0.0 };
         Self {
+            rain_probability,
             reflected: lanes(material.absorption.iter().map(|a| 1.0 - a)),
-            rain: lanes(pairs().map(|(a, s)| 4.0 * (1.0 - a) * s)),
+            rain: lanes(pairs().map(|(a, s)| 4.0 * (1.0 - a) * s / rain_probability.max(f64::MIN_POSITIVE))),
             scattering: lanes(material.scattering.iter().copied()),
             uniform_scattering: material.scattering.iter().all(|&s| s == first).then_some(first),
             transmission: material
@@ -65,6 +70,10 @@ pub(super) struct Stage<'a, S, const N: usize> {
     pub(super) passages: Vec<Passage>,
     /// Per portal: portals with capture regions on the same wall, itself included.
     pub(super) companions: Vec<Vec<usize>>,
+    /// Per portal: share 1 - tau that a ray which hits it keeps (see `Walk::bounce`).
+    pub(super) remainder: Vec<Lanes<N>>,
+    /// Per portal: factor of the reflection of hits in its capture region.
+    pub(super) diverted: Vec<Lanes<N>>,
     pub(super) receivers: Vec<Receiver<N>>,
     /// Attenuation of the air in Np/m; `None`: none in any band.
     pub(super) air: Option<Lanes<N>>,
@@ -88,6 +97,11 @@ impl<'a, S: Crossing, const N: usize> Stage<'a, S, N> {
             let narrow = |p: &Passage| p.is_captured(1.0) || p.is_captured(-1.0);
             (0..passages.len()).filter(|&i| passages[i].group == group && narrow(&passages[i])).collect()
         };
+        let transmissions: Vec<Vec<f64>> = scatter.iter().map(|s| s.transmission(scene.bands.len())).collect();
+        let diverted = passages.iter().zip(&transmissions).map(|(passage, taus)| {
+            let r = passage.capture_ratio(1.0).max(passage.capture_ratio(-1.0)).min(0.99);
+            lanes(taus.iter().map(|tau| 1.0 - r * (tau - 1.0) / (1.0 - r)))
+        });
         let attenuation = &scene.air.attenuation_per_m;
         let speed_m_s = scene.air.speed_of_sound_m_s;
         Self {
@@ -102,6 +116,8 @@ impl<'a, S: Crossing, const N: usize> Stage<'a, S, N> {
                     .collect()
             }),
             companions: passages.iter().map(|p| captured(p.group)).collect(),
+            remainder: transmissions.iter().map(|t| lanes(t.iter().map(|tau| 1.0 - tau))).collect(),
+            diverted: diverted.collect(),
             passages,
             receivers,
             air: attenuation.iter().any(|&m| m > 0.0).then(|| lanes(attenuation.iter().copied())),

@@ -17,6 +17,8 @@ pub struct Wedge {
     pub exterior_angle: f64,
     /// Angle of the portal, the half-plane on which rays cross: between source and receiver.
     pub portal_angle: f64,
+    /// Whether the receiver is in sight of the source: then the power that belongs to the rays reflected by a face is left out.
+    pub lit: bool,
 }
 
 /// A point about an edge: distance from it in m and angle from face A in radians; line, point or plane.
@@ -54,9 +56,8 @@ pub fn intensity(
     if span < 1e-9 {
         return RaySum::default();
     }
-    // The bisector, kept within 80 degrees of both directions' normals and inside the fluid.
     let portal_angle = 0.5 * (source.phi + receiver.phi);
-    let wedge = Wedge { exterior_angle, portal_angle };
+    let wedge = Wedge { exterior_angle, portal_angle, lit: span < PI };
     let before = portal_angle - source.phi;
     let incident = if source.r_m.is_infinite() {
         Incident::Plane { s_x: -before.cos(), s_y: 0.0 }
@@ -73,7 +74,7 @@ pub fn intensity(
 }
 
 impl Wedge {
-    /// Obliquity O^2 of the ray, eq. (6), with the share of the reflected field left out.
+    /// Obliquity O^2 of the ray, eq. (6); on the lit side with the share of the reflected field left out.
     pub fn obliquity(&self, ray: &Ray) -> f64 {
         let n = self.exterior_angle / PI;
         let theta_i = ray.sin_i.atan2(ray.cos_i);
@@ -91,14 +92,12 @@ impl Wedge {
             pair(phi_receiver - phi_source)
         };
         let reflected = if delta.abs() < 1e-7 { 0.0 } else { pair(phi_receiver + phi_source) };
-        let share = incident * incident / (incident * incident + reflected * reflected).max(f64::MIN_POSITIVE);
         let total = (incident + reflected).powi(2) / (4.0 * n * n);
-        if self.lit_by_a_face(phi_source, phi_receiver) { share * total } else { total }
-    }
-
-    /// Whether the direction is nearer to a face's reflection boundary than to the shadow boundary on the lit side.
-    fn lit_by_a_face(&self, phi_source: f64, phi_receiver: f64) -> bool {
-        phi_receiver - phi_source < PI
+        if self.lit {
+            total * incident * incident / (incident * incident + reflected * reflected).max(f64::MIN_POSITIVE)
+        } else {
+            total
+        }
     }
 
     fn sum(&self, crossing: &Crossing, spectrum: &Spectrum, tolerance: f64) -> RaySum {

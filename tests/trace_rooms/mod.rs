@@ -132,6 +132,10 @@ pub(crate) fn shoebox(size: [f64; 3], absorption: &[f64], scattering: &[f64]) ->
 pub(crate) struct Nothing;
 
 impl Crossing for Nothing {
+    fn transmission(&self, bands: usize) -> Vec<f64> {
+        vec![1.0; bands]
+    }
+
     fn sample(&self, _: f64, _: f64, s_i: DVec3, _: [f64; 3], _: &mut [f32]) -> Option<DVec3> {
         Some(s_i)
     }

@@ -90,6 +90,24 @@ pub(super) fn overlapping_boxes(boxes: &[BoxRoom], warnings: &mut Vec<Warning>) 
     }
 }
 
+/// Walls that cover each other in one plane are likely a slip.
+pub(super) fn overlapping_walls(walls: &[Wall], warnings: &mut Vec<Warning>) {
+    for (i, a) in walls.iter().enumerate() {
+        for b in &walls[i + 1..] {
+            let slack = 1e-6;
+            let other: Vec<DVec3> = b.corners_m.iter().map(|corner| a.frame.local(*corner)).collect();
+            let coplanar = other.iter().all(|corner| corner.z.abs() <= slack);
+            let outline: Vec<DVec2> = other.iter().map(|corner| corner.truncate()).collect();
+            if coplanar && (a.unbounded || b.unbounded || polygon::overlap(&a.outline_m(), &outline, slack)) {
+                warnings.push(Warning {
+                    observation: format!("the walls `{}` and `{}` lie over each other in one plane", a.name, b.name),
+                    remedy: "make one wall of them, or let them share an edge only".to_owned(),
+                });
+            }
+        }
+    }
+}
+
 /// Polygons.
 pub(super) fn walls(
     tables: &[Spanned<WallTable>],

@@ -1,5 +1,6 @@
 //! From a typed room file to a checked scene: every mistake with its place, what is allowed, and a hint.
 
+mod clearance;
 mod geometry;
 mod openings;
 mod options;
@@ -12,6 +13,7 @@ use super::Scene;
 use super::locate::Locator;
 use super::materials::Palette;
 use super::mesh::MeshFiles;
+use super::reference;
 use super::room_file::RoomFile;
 use crate::error::{Result, Warning};
 
@@ -44,15 +46,21 @@ pub(super) fn check(
     let boxes = geometry::boxes(&room.boxes, &mut palette, at)?;
     geometry::overlapping_boxes(&boxes, &mut warnings);
     let walls = geometry::walls(&room.walls, &boxes, &mut palette, at)?;
+    geometry::overlapping_walls(&walls, &mut warnings);
     let meshes = geometry::meshes(&room.meshes, surroundings, &mut palette, at, &mut warnings)?;
     let openings = openings::openings(&room.openings, &boxes, &walls, &mut palette, at, &mut warnings)?;
     let materials = palette.into_used();
 
-    let matter = sound::Matter { boxes: &boxes, walls: &walls, meshes: &meshes, openings: &openings };
+    let matter = clearance::Matter { boxes: &boxes, walls: &walls, meshes: &meshes, openings: &openings };
     let sources = sound::sources(&room.sources, &bands, &matter, at, &mut warnings)?;
-    let probes = sound::probes(&room.probes, &sources, &matter, at)?;
+    let probes = sound::probes(&room.probes, &sources, &matter, at, &mut warnings)?;
     sound::outside(&sources, &probes, &matter, &mut warnings);
-    let sweep = room.sweep.as_ref().map(|table| options::sweep(table, at)).transpose()?;
+    let mut sweep = room.sweep.as_ref().map(|table| options::sweep(table, at)).transpose()?;
+    if let (Some(sweep), Some(name)) = (&mut sweep, room.sweep.as_ref().and_then(|s| s.get_ref().reference.as_ref())) {
+        let sources: Vec<&str> = sources.iter().map(|s| s.name.as_str()).collect();
+        let probes: Vec<&str> = probes.iter().map(|p| p.name.as_str()).collect();
+        sweep.reference = Some(reference::read(name, surroundings.folder, &sources, &probes, at)?);
+    }
 
     let name = room.name.as_ref().map_or_else(|| surroundings.title.clone(), |name| name.get_ref().clone());
     let scene = Scene {

@@ -185,7 +185,7 @@ fn limits(value: &Spanned<[f64; 2]>, key: &str, unbounded: bool, at: &Locator<'_
     if from.is_nan() || to.is_nan() {
         return wrong(format!("{key} is [{from}, {to}], must be numbers"), "");
     }
-    if !unbounded && !(from.is_finite() && to.is_finite()) {
+    if !(unbounded || from.is_finite() && to.is_finite()) {
         return wrong(
             format!("{key} is [{from}, {to}], must be finite"),
             "inf is allowed on a wall with unbounded = true",

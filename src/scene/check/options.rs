@@ -186,10 +186,10 @@ pub(super) fn output(
     Ok(Output { sample_rate_hz: rate as u32, response_length_s })
 }
 
-/// The file's own sweep.
+/// The file's own sweep, without its reference.
 pub(super) fn sweep(table: &Spanned<SweepTable>, at: &Locator<'_>) -> Result<Sweep> {
     const FORMS: &str = "from, to and step, or values = [0.0, 0.1]";
-    let SweepTable { parameter, from, to, step, values } = table.get_ref();
+    let SweepTable { parameter, from, to, step, values, reference: _ } = table.get_ref();
     let values = match (from, to, step, values) {
         (Some(from), Some(to), Some(step), None) => range_values(*from.get_ref(), *to.get_ref(), *step.get_ref())
             .map_err(|(message, hint)| at.error(step.span(), message, hint))?,
@@ -212,7 +212,7 @@ pub(super) fn sweep(table: &Spanned<SweepTable>, at: &Locator<'_>) -> Result<Swe
     if parameter.get_ref().starts_with("sweep") {
         return Err(at.error(parameter.span(), "a sweep cannot change itself", "as opening.door.open_m"));
     }
-    Ok(Sweep { parameter: parameter.get_ref().clone(), values })
+    Ok(Sweep { parameter: parameter.get_ref().clone(), values, reference: None })
 }
 
 /// The kinds of a source.

@@ -3,17 +3,14 @@
 use glam::DVec3;
 use serde_spanned::Spanned;
 
+use super::clearance::{Matter, TOUCH_M};
 use super::options::{Kind, kind};
 use super::values::{Names, choice_or, direction, point};
 use crate::error::{Result, Warning};
 use crate::scene::locate::Locator;
-use crate::scene::polygon;
 use crate::scene::room_file::{ProbeTable, SourceTable};
 use crate::scene::spectrum::Spectrum;
-use crate::scene::{Band, BoxRoom, Directivity, Face, Host, Mesh, Opening, Probe, Source, SourceKind, Wall};
-
-/// Nearer than this to a surface is on it, and nearer to each other is at the same point, in m.
-const TOUCH_M: f64 = 1e-6;
+use crate::scene::{Band, BoxRoom, Directivity, Probe, Source, SourceKind};
 
 /// Names of first-order directivities and their omnidirectional shares: the supercardioid has the largest
 /// front-to-back ratio, (sqrt 3 - 1)/2; the hypercardioid the largest directivity, 1/4.
@@ -25,84 +22,6 @@ const DIRECTIVITIES: [(&str, f64); 6] = [
     ("hypercardioid", 0.25),
     ("dipole", 0.0),
 ];
-
-/// Everything a source or probe may be in the way of.
-pub(super) struct Matter<'a> {
-    pub(super) boxes: &'a [BoxRoom],
-    pub(super) walls: &'a [Wall],
-    pub(super) meshes: &'a [Mesh],
-    pub(super) openings: &'a [Opening],
-}
-
-impl Matter<'_> {
-    /// What the point lies in or on, as "the wall `x`".
-    fn touching(&self, p: DVec3) -> Option<String> {
-        for (index, wall) in self.walls.iter().enumerate() {
-            let local = wall.frame.local(p);
-            if local.z.abs() > wall.thickness_m / 2.0 + TOUCH_M {
-                continue;
-            }
-            if wall.unbounded || polygon::contains(&wall.outline_m(), local.truncate(), TOUCH_M) {
-                return Some(match self.opening_at(Host::Wall(index), local) {
-                    Some(opening) => format!("in the opening `{}`", opening.name),
-                    None if wall.thickness_m > 0.0 => format!("inside the wall `{}`", wall.name),
-                    None => format!("on the wall `{}`", wall.name),
-                });
-            }
-        }
-        for (index, room) in self.boxes.iter().enumerate() {
-            for face in Face::ALL.into_iter().filter(|face| room.face(*face).is_some()) {
-                let local = room.face_frame(face).local(p);
-                let [w, h] = room.face_size_m(face);
-                let within = |value: f64, length: f64| (-TOUCH_M..=length + TOUCH_M).contains(&value);
-                if local.z.abs() <= TOUCH_M && within(local.x, w) && within(local.y, h) {
-                    return Some(match self.opening_at(Host::BoxFace(index, face), local) {
-                        Some(opening) => format!("in the opening `{}`", opening.name),
-                        None => format!("on the face {} of box `{}`", face.name(), room.name),
-                    });
-                }
-            }
-        }
-        let on_mesh = |mesh: &&Mesh| mesh.triangles_m.iter().any(|triangle| triangle_distance(p, triangle) <= TOUCH_M);
-        self.meshes.iter().find(on_mesh).map(|mesh| format!("on a triangle of mesh `{}`", mesh.file.display()))
-    }
-
-    fn opening_at(&self, host: Host, local: DVec3) -> Option<&Opening> {
-        let inside = |o: &&Opening| {
-            o.host == host
-                && (o.hole_x_m[0]..=o.hole_x_m[1]).contains(&local.x)
-                && (o.y_m[0]..=o.y_m[1]).contains(&local.y)
-        };
-        self.openings.iter().find(inside)
-    }
-
-    fn check(&self, what: &str, name: &str, p: DVec3, span: std::ops::Range<usize>, at: &Locator<'_>) -> Result<()> {
-        match self.touching(p) {
-            None => Ok(()),
-            Some(where_) => Err(at.error(
-                span,
-                format!("{what} `{name}` lies {where_}, must stand clear of all surfaces and openings"),
-                "move it by 1 mm or more to the side you mean",
-            )),
-        }
-    }
-}
-
-/// Distance of a point from a triangle in m.
-fn triangle_distance(p: DVec3, triangle: &[DVec3; 3]) -> f64 {
-    let [a, b, c] = *triangle;
-    let normal = (b - a).cross(c - a);
-    let inside = polygon::edges(triangle).all(|(u, v)| (v - u).cross(p - u).dot(normal) >= 0.0);
-    if inside {
-        return normal.try_normalize().map_or(f64::INFINITY, |n| (p - a).dot(n).abs());
-    }
-    let to_edge = |(u, v): (DVec3, DVec3)| {
-        let along = v - u;
-        let t = ((p - u).dot(along) / along.length_squared()).clamp(0.0, 1.0);
-        (u + along * t - p).length()
-    };
-    polygon::edges(triangle).map(to_edge).fold(f64::INFINITY, f64::min)
-}
 
 /// Sources.
 pub(super) fn sources(
@@ -154,7 +73,8 @@ fn one_source(
             remedy: "the axis of a directivity is called direction".to_owned(),
         });
     }
-    if !matches!(word, Kind::Point) && !(matter.boxes.is_empty() && matter.meshes.is_empty()) {
+    let dry = matter.boxes.is_empty() && matter.meshes.is_empty();
+    if !(dry || matches!(word, Kind::Point)) {
         return Err(at.error(
             place(),
             format!("source `{name}` is a line or plane source, which needs a scene without boxes and meshes"),
@@ -179,7 +99,7 @@ fn one_source(
     }
     let directivity = Directivity { omni_share, axis: towards.unwrap_or(DVec3::X) };
     if !matches!(word, Kind::Plane) {
-        matter.check("source", &name, position_m, table.position_m.span(), at)?;
+        matter.check("source", &name, position_m, table.position_m.span(), at, warnings)?;
     }
     let power_db = table.power_db.as_ref().map(|power| power_db(power, bands, at)).transpose()?;
     Ok(Source { name, position_m, kind, power_db, directivity })
@@ -217,6 +137,7 @@ pub(super) fn probes(
     sources: &[Source],
     matter: &Matter<'_>,
     at: &Locator<'_>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<Vec<Probe>> {
     if tables.is_empty() {
         return Err(at.error(
@@ -231,7 +152,7 @@ pub(super) fn probes(
         let table = table.get_ref();
         let name = names.add(&table.name)?;
         let position_m = point(&table.position_m, "position_m", at)?;
-        matter.check("probe", &name, position_m, table.position_m.span(), at)?;
+        matter.check("probe", &name, position_m, table.position_m.span(), at, warnings)?;
         for source in sources {
             let offset = position_m - source.position_m;
             let distance = match source.kind {
