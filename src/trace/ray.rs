@@ -28,8 +28,11 @@ const POPULATION: f32 = 3.0;
 /// After this many split-off rays the inclination of a history to split has halved: bounds the tree.
 const SPLIT_BUDGET: f64 = 16.0;
 
-/// Rays into which one of full strength is split on its first passage of a portal that keeps its largest weight.
+/// Rays into which one of full strength is split on its first passage of a portal.
 const PORTAL_PARTS: f64 = 4.0;
+/// Growth of the largest weight at a crossing that calls for no more rays than that: one direction serves all bands, whose
+/// lobes differ in width.
+const ORDINARY_GAIN: f64 = 8.0;
 /// The most rays of one crossing.
 const MAX_PORTAL_PARTS: f64 = 64.0;
 /// Draws that estimate a portal's gain.
@@ -436,8 +439,8 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
     /// A crossing of the portal at local (x, y) in m: what it sends to the probes at once, and the rays that go on.
     ///
     /// On its first passage a ray of full `strength` goes on as several, each with its part of the power and of the random
-    /// numbers (stratified): crossings are rare, and one direction has to serve all bands, whose lobes differ in width. So
-    /// does any ray whose weights would outgrow the start of its branch.
+    /// numbers (stratified): crossings are rare, and one direction has to serve all bands, whose lobes differ in width. Not
+    /// on later passages: between live rooms joined by a wide opening the rays would breed without end.
     ///
     /// The rays leave from the far face at the same (x, y): a thick host's jambs play no part beyond what the scattering
     /// knows of them.
@@ -464,9 +467,12 @@ impl<S: Crossing, const N: usize> Walk<'_, '_, S, N> {
             }
         }
 
-        let eagerness = if ray.explores(hit.group) { PORTAL_PARTS * self.budget() } else { 1.0 };
-        let gain = self.pilot_gain(portal, (x_m, y_m), s_i);
-        let parts = (eagerness * strength * gain).round().clamp(1.0, MAX_PORTAL_PARTS) as u32;
+        let parts = if ray.explores(hit.group) {
+            let gain = (self.pilot_gain(portal, (x_m, y_m), s_i) / ORDINARY_GAIN).max(1.0);
+            (PORTAL_PARTS * self.budget() * strength * gain).round().clamp(1.0, MAX_PORTAL_PARTS) as u32
+        } else {
+            1
+        };
         self.split += parts - 1;
         ray.weights.iter_mut().for_each(|w| *w /= parts as f32);
         ray.enter(hit.group);
