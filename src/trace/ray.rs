@@ -442,8 +442,8 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
     /// A crossing of the portal at local (x, y) in m: what it sends to the probes at once, and the rays that go on.
     ///
     /// On its first passage a ray of full `strength` goes on as several, each with its part of the power and of the random
-    /// numbers (stratified): crossings are rare, and one direction has to serve all bands, whose lobes differ in width. So
-    /// does any ray whose weights would outgrow the start of its branch.
+    /// numbers (stratified): crossings are rare, and one direction has to serve all bands, whose lobes differ in width. Not
+    /// on later passages: between live rooms joined by a wide opening the rays would breed without end.
     ///
     /// The rays leave from the far face at the same (x, y): a thick host's jambs play no part beyond what the scattering
     /// knows of them.
