@@ -161,7 +161,7 @@ fn beside_table(swept: &Swept) -> String {
     let Some(first) = all.first() else { return String::new() };
     let act = notation::act_of(&swept.parameter);
     let unit = notation::unit_of(&swept.parameter);
-    let header = ["source → probe", "band", "largest rise here", "in the reference", "median |difference|", "largest"];
+    let header = ["source → probe", "band", "largest rise", "reference", "median |diff|", "largest difference"];
     let mut table = table(header.map(str::to_owned).into(), 1);
     let rise = |r: Option<Rise>| r.map_or("none".to_owned(), |r| format!("{:.2} dB", r.rise_db));
     let mut last_pair = String::new();
