@@ -21,6 +21,10 @@ use num_complex::Complex64;
 use super::crossing::{Crossing, Incident};
 
 const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
+/// Distance from the nodes, in node distances, from which the sum over them is accurate (1e-6).
+const RESOLVED: f64 = 2.5;
+/// Most times the nodes are refined for points next to the opening.
+const MOST_FINER: f64 = 64.0;
 const HALF_I: Complex64 = Complex64 { re: 0.0, im: 0.5 };
 
 /// Hankel function of the first kind and order 0 for x > 0.
@@ -105,17 +109,23 @@ impl Aperture {
         }
     }
 
-    /// |p/p_free|^2 of `crossing` at this wave number, `solution` being that of its source; p_free is the field
-    /// with the screen taken away.
-    pub fn transfer(&self, solution: &Solution<'_>, crossing: &Crossing) -> f64 {
-        let p = solution.pressure(crossing.x_m, crossing.z_m);
-        let free = match crossing.incident {
+    /// |p/p_free|^2 of `crossing` at this wave number; p_free is the field with the screen taken away.
+    pub fn transfer(&self, crossing: &Crossing) -> f64 {
+        match crossing.incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
-                0.25 * hankel0(self.k * (crossing.x_m - x_m).hypot(crossing.z_m + z_m)).norm()
+                let free = 0.25 * hankel0(self.k * (crossing.x_m - x_m).hypot(crossing.z_m + z_m)).norm();
+                // Source and receiver may change places: the farther one is the smoother incident field.
+                let (far, near) = match z_m < crossing.z_m {
+                    true => ((crossing.x_m, crossing.z_m), (x_m, z_m)),
+                    false => ((x_m, z_m), (crossing.x_m, crossing.z_m)),
+                };
+                let solution = self.solve_for(&Incident::Line { x_m: far.0, z_m: far.1 });
+                (solution.pressure(near.0, near.1).norm() / free).powi(2)
             }
-            Incident::Plane { .. } => 1.0,
-        };
-        (p.norm() / free).powi(2)
+            Incident::Plane { .. } => {
+                self.solve_for(&crossing.incident).pressure(crossing.x_m, crossing.z_m).norm_sqr()
+            }
+        }
     }
 }
 
@@ -144,16 +154,56 @@ fn add_logarithm(matrix: &mut DMatrix<Complex64>, start: usize, n: usize, k: f64
 }
 
 impl Solution<'_> {
-    /// Pressure behind the screen at (x, z), z > 0, in m. Accurate for z above a few node distances (half a width /
-    /// number of unknowns).
+    /// Pressure behind the screen at (x, z), z > 0, in m.
     pub fn pressure(&self, x_m: f64, z_m: f64) -> Complex64 {
         let a = self.aperture;
-        HALF_I
-            * a.nodes
-                .iter()
-                .zip(self.strengths.iter())
-                .map(|(x, s)| hankel0(a.k * (x_m - x).hypot(z_m)) * s)
-                .sum::<Complex64>()
+        let mut start = 0;
+        let mut sum = Complex64::ZERO;
+        while start < a.nodes.len() {
+            let n = (PI / a.steps[start]).round() as usize;
+            let nodes = &a.nodes[start..start + n];
+            let nearest = nodes.iter().map(|x| (x_m - x).hypot(z_m)).fold(f64::INFINITY, f64::min);
+            let spacing = (nodes[0] - nodes[n - 1]).abs() * a.steps[start];
+            sum += if nearest > RESOLVED * spacing {
+                self.sum_over(
+                    nodes.iter().copied().zip(self.strengths.as_slice()[start..start + n].iter().copied()),
+                    x_m,
+                    z_m,
+                )
+            } else {
+                let finer = (RESOLVED * spacing / nearest.max(1e-6 * spacing)).ceil().min(MOST_FINER) as usize;
+                self.sum_over(self.refined(start, n, finer).into_iter(), x_m, z_m)
+            };
+            start += n;
+        }
+        HALF_I * sum
+    }
+
+    fn sum_over(&self, nodes: impl Iterator<Item = (f64, Complex64)>, x_m: f64, z_m: f64) -> Complex64 {
+        nodes.map(|(x, s)| hankel0(self.aperture.k * (x_m - x).hypot(z_m)) * s).sum()
+    }
+
+    /// The strengths of the opening with nodes `start..start + n` on `finer` times as many nodes, by their cosine series.
+    fn refined(&self, start: usize, n: usize, finer: usize) -> Vec<(f64, Complex64)> {
+        let nodes = &self.aperture.nodes[start..start + n];
+        let strengths = &self.strengths.as_slice()[start..start + n];
+        let step = PI / n as f64;
+        let edge = (0.5 * step).cos();
+        let (middle, half) = (0.5 * (nodes[0] + nodes[n - 1]), 0.5 * (nodes[0] - nodes[n - 1]) / edge);
+        let coefficients: Vec<Complex64> = (0..n)
+            .map(|m| {
+                let cosine = |j: usize| (m as f64 * (j as f64 + 0.5) * step).cos();
+                let sum: Complex64 = strengths.iter().enumerate().map(|(j, s)| s * cosine(j)).sum();
+                sum * if m == 0 { 1.0 } else { 2.0 } / (n * finer) as f64
+            })
+            .collect();
+        (0..n * finer)
+            .map(|i| {
+                let tau = (i as f64 + 0.5) * step / finer as f64;
+                let value = coefficients.iter().enumerate().map(|(m, c)| c * (m as f64 * tau).cos()).sum();
+                (middle + half * tau.cos(), value)
+            })
+            .collect()
     }
 
     /// The far-field amplitude A in m: p -> sqrt(2 pi / (k r)) exp(i (k r - pi/4)) (k/2 pi) A..., normalised so that the

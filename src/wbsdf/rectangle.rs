@@ -130,7 +130,7 @@ impl Rectangle {
                 let samples = side.samples(spectrum, jambs);
                 return self.nodes.iter().map(|(k, _)| samples.at(*k)).collect();
             }
-            let exact = |a: &Aperture| a.transfer(&a.solve_for(&side.crossing.incident), &side.crossing);
+            let exact = |a: &Aperture| a.transfer(&side.crossing);
             solved.iter().map(exact).collect()
         };
         let (along_x, along_y) = (transfers(&x, &self.across_x), transfers(&y, &self.across_y));

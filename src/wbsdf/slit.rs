@@ -63,7 +63,11 @@ pub fn exact_share(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum) -> f64
     let cosine = openings.iter().flatten().map(|&x| crossing.ray(x)).fold(1.0_f64, |c, r| c.min(r.cos_i).min(r.cos_o));
     let mut along = fade(cosine, OBLIQUE_COS);
     if openings.len() > 1 {
-        along = along.max(fade(crossing.z_m / span, NEAR));
+        let before = match crossing.incident {
+            Incident::Line { z_m, .. } | Incident::Point { z_m, .. } => z_m,
+            Incident::Plane { .. } => f64::INFINITY,
+        };
+        along = along.max(fade(crossing.z_m.min(before) / span, NEAR));
     }
     let limit = NARROW_KA + (NARROW_KA_OBLIQUE - NARROW_KA) * along;
     fade(ka, [0.75 * limit, limit])
@@ -164,11 +168,7 @@ impl BandApertures {
             }
             _ => crossing.free_intensity(),
         };
-        let mean: f64 = self
-            .nodes
-            .iter()
-            .map(|(weight, aperture)| weight * aperture.transfer(&aperture.solve_for(&crossing.incident), crossing))
-            .sum();
+        let mean: f64 = self.nodes.iter().map(|(weight, aperture)| weight * aperture.transfer(crossing)).sum();
         let value = mean * spread;
         RaySum { value, error: 1e-5 * value, absolute: value, rays: self.nodes.len() }
     }
