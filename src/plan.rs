@@ -19,7 +19,7 @@ use crate::wbsdf::slit::Form;
 pub enum PortalModel {
     /// A plain hole: straight rays only.
     Geometric,
-    /// One edge: signed rays of a half-plane.
+    /// One edge: the exact half-plane.
     Edge,
     /// A wide opening: signed rays.
     Opening,
@@ -260,6 +260,8 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
                 "diffraction is switched off: a plain hole".to_owned()
             } else if scene.simulation.transport == Transport::Paraxial {
                 "signed rays of the published small-angle form, at any width".to_owned()
+            } else if opening.is_slit() && width_m.is_none() {
+                "the exact rigid half-plane".to_owned()
             } else {
                 "signed rays where it is wide, the exact aperture where it is narrow".to_owned()
             };

@@ -17,12 +17,15 @@ use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::edge::{self, AboutEdge};
 use crate::wbsdf::mask::{Jambs, Mask};
 use crate::wbsdf::quadrature::RaySum;
+use crate::wbsdf::wedge::{Wave, WedgeField, coherent};
 
 /// Fresnel number beyond which an edge in sight is left out: it changes the level by less than 0.7 dB there, and by less
 /// than 0.1 dB in the mean over an octave.
 const FELT_FRESNEL: f64 = 4.0;
 /// Relative accuracy of the sums over signed rays.
 const TOLERANCE: f64 = 1e-4;
+/// Angle in radians about a shadow boundary within which the geometry says whether the straight way is free.
+const ON_BOUNDARY: f64 = 1e-9;
 
 /// What an edge can do to the direct sound of any source and probe.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -106,6 +109,8 @@ pub(super) fn add(
     order: usize,
     paths: &mut Vec<Specular>,
 ) {
+    // What the edges change is reckoned from the undisturbed intensities.
+    let undisturbed: Vec<Vec<f64>> = paths.iter().map(|path| path.path.intensity.clone()).collect();
     for (edge, reach) in geometry.edges.iter().zip(edge_reach(scene, geometry)) {
         if !reach.felt {
             continue;
@@ -121,19 +126,26 @@ pub(super) fn add(
             {
                 let Origin::At(receiver) = to.origin else { continue };
                 let over = Over { scene, geometry, edge, spectra, kind, from: from.origin, receiver };
-                let Some(found) = over.path(source, s, probe, p) else { continue };
-                let planes: Vec<usize> = from.planes.iter().chain(to.planes.iter().rev()).copied().collect();
-                match found {
-                    Found::Shadow(path) => paths.push(Specular { planes, path }),
-                    Found::Lit(changes) => {
-                        if let Some(lit) =
-                            paths.iter_mut().find(|path| path.planes == planes && path.path.reflections == planes.len())
-                        {
-                            for (intensity, change) in lit.path.intensity.iter_mut().zip(changes) {
-                                *intensity = (*intensity + change).max(0.0);
-                            }
+                let planes = |between: Option<usize>| {
+                    from.planes.iter().copied().chain(between).chain(to.planes.iter().rev().copied())
+                };
+                let find = |between: Option<usize>| {
+                    undisturbed.iter().zip(&*paths).position(|(_, path)| {
+                        path.path.reflections == path.planes.len() && planes(between).eq(path.planes.iter().copied())
+                    })
+                };
+                let lit = find(None);
+                let reflected = edge.planes.iter().find_map(|plane| find(Some(*plane)));
+                let reflected = reflected.map(|path| undisturbed[path].as_slice());
+                match over.path(source, s, probe, p, lit.is_some(), reflected) {
+                    Some(Found::Shadow(path)) => paths.push(Specular { planes: planes(None).collect(), path }),
+                    Some(Found::Lit(changes)) => {
+                        let Some(lit) = lit else { continue };
+                        for (intensity, change) in paths[lit].path.intensity.iter_mut().zip(changes) {
+                            *intensity = (*intensity + change).max(0.0);
                         }
                     }
+                    None => {}
                 }
             }
         }
@@ -159,7 +171,17 @@ struct Over<'a> {
 }
 
 impl Over<'_> {
-    fn path(&self, source: &ImageTree, s: usize, probe: &ImageTree, p: usize) -> Option<Found> {
+    /// `lit`: whether the path without the edge exists; `reflected`: intensities of the same path with a reflection at
+    /// one of the edge's faces, if it exists.
+    fn path(
+        &self,
+        source: &ImageTree,
+        s: usize,
+        probe: &ImageTree,
+        p: usize,
+        lit: bool,
+        reflected: Option<&[f64]>,
+    ) -> Option<Found> {
         let edge = self.edge;
         let to = place(edge, self.receiver);
         let (from, along, length, straight) = match self.from {
@@ -182,14 +204,17 @@ impl Over<'_> {
                 }
             }
             Origin::Along(direction) => {
-                let phi = angle_of(edge, direction);
-                let from = Place { r_m: f64::INFINITY, phi, along_m: to.along_m };
-                let offset = edge.start.dot(direction);
-                (from, to.along_m, offset + to.r_m, self.receiver.dot(direction))
+                let from = Place { r_m: f64::INFINITY, phi: angle_of(edge, direction), along_m: to.along_m };
+                // The ray keeps its direction cosine along the edge.
+                let cos_beta = direction.dot(edge.direction);
+                let sin_beta = (1.0 - cos_beta * cos_beta).max(0.0).sqrt();
+                let along = to.along_m - to.r_m * cos_beta / sin_beta;
+                let length = (edge.start + edge.direction * along).dot(direction) + to.r_m / sin_beta;
+                (from, along, length, self.receiver.dot(direction))
             }
         };
         let inside = |phi: f64| phi <= edge.exterior_angle + 1e-9;
-        if !inside(from.phi) || !inside(to.phi) || from.r_m <= 0.0 || to.r_m <= 0.0 {
+        if !inside(from.phi) || !inside(to.phi) || !(from.r_m > 0.0 && to.r_m > 0.0 && length.is_finite()) {
             return None;
         }
         let two_dimensional = *self.kind != SourceKind::Point;
@@ -197,9 +222,13 @@ impl Over<'_> {
             return None;
         }
         let span = (to.phi - from.phi).abs();
-        let shadow = span >= PI;
-        let longest = self.spectra.first()?.speed_m_s / self.spectra.first()?.low_hz;
-        if !shadow && 2.0 * (length - straight) / longest > FELT_FRESNEL {
+        // On the boundary itself rounding decides whether the straight way is free.
+        let shadow = if (span - PI).abs() < ON_BOUNDARY { !lit } else { span >= PI };
+        if !shadow && !lit {
+            return None;
+        }
+        let fresnel = |f: f64| 2.0 * (length - straight).max(0.0) * f / self.scene.air.speed_of_sound_m_s;
+        if !shadow && fresnel(self.spectra.first()?.low_hz) > FELT_FRESNEL {
             return None;
         }
         // Just outside the edge, in the middle of the fluid.
@@ -212,20 +241,19 @@ impl Over<'_> {
         let mut intensity = Vec::with_capacity(self.spectra.len());
         let mut error = Vec::with_capacity(self.spectra.len());
         for (band, spectrum) in self.spectra.iter().enumerate() {
-            // In sight, short waves do not feel an edge that long ones do.
-            if !shadow && 2.0 * (length - straight) * spectrum.low_hz / spectrum.speed_m_s > FELT_FRESNEL {
-                intensity.push(0.0);
-                error.push(0.0);
-                continue;
-            }
-            let sum = self.sum(&from, &to, spectrum)?;
             let air = (-self.scene.air.attenuation_per_m[band] * length).exp();
             let factor = before.factors[band] * after.factors[band] * air;
-            // No edge lifts the mean over a band by more than 3 dB: a larger sum is a pole of the reflected field.
-            let value =
-                if shadow { sum.value.clamp(0.0, free) } else { sum.value.clamp(0.25 * free, 2.0 * free) - free };
-            intensity.push(value * factor);
-            error.push((sum.error + (-sum.value).max(0.0)) * factor);
+            if shadow {
+                let sum = self.in_shadow(&from, &to, spectrum);
+                intensity.push(sum.value.max(0.0) * factor);
+                error.push((sum.error + (-sum.value).max(0.0)) * factor);
+                continue;
+            }
+            // In sight, short waves do not feel an edge that long ones do.
+            let felt = 1.0 - smooth_step(fresnel(spectrum.low_hz) / FELT_FRESNEL * 2.0 - 1.0);
+            let share = reflected.map(|r| r[band] / factor.max(f64::MIN_POSITIVE));
+            let change = if felt > 0.0 { self.in_sight(&from, &to, spectrum, free, share) } else { 0.0 };
+            intensity.push(change * felt * factor);
         }
         if !shadow {
             return Some(Found::Lit(intensity));
@@ -251,33 +279,84 @@ impl Over<'_> {
         }
     }
 
-    /// The ray sum over the edge: the closed form with its jamb ray for a thin screen between source and receiver, the
-    /// wedge's obliquity otherwise.
-    fn sum(&self, from: &Place, to: &Place, spectrum: &Spectrum) -> Option<RaySum> {
+    /// The exact field of the wedge between source and receiver, and the spectrum across the edge.
+    fn field(&self, from: &Place, to: &Place, spectrum: &Spectrum) -> (WedgeField, Spectrum) {
+        let (wave, across) = match (self.kind, self.from) {
+            (SourceKind::Line(_), _) => (Wave::Line, *spectrum),
+            (_, Origin::Along(direction)) => {
+                // Across the edge the wave number is k sin(beta).
+                let cos_beta = direction.dot(self.edge.direction);
+                let speed_m_s = spectrum.speed_m_s / (1.0 - cos_beta * cos_beta).sqrt();
+                (Wave::Plane, Spectrum { speed_m_s, ..*spectrum })
+            }
+            _ => (Wave::Point(to.along_m - from.along_m), *spectrum),
+        };
+        (WedgeField::new(self.edge.exterior_angle, about(from), about(to), wave, &across), across)
+    }
+
+    /// Intensity in the shadow.
+    fn in_shadow(&self, from: &Place, to: &Place, spectrum: &Spectrum) -> RaySum {
+        if self.scene.simulation.transport == Transport::Paraxial {
+            return self.paraxial(from, to, spectrum);
+        }
+        let (field, across) = self.field(from, to, spectrum);
+        let value = field.mean(&across, coherent);
+        RaySum { value, error: 1e-5 * value, absolute: value, rays: 0 }
+    }
+
+    /// What the edge changes of the intensity `free` of a path in sight, and of the reflection `share` by a face with it.
+    fn in_sight(&self, from: &Place, to: &Place, spectrum: &Spectrum, free: f64, share: Option<f64>) -> f64 {
+        if self.scene.simulation.transport == Transport::Paraxial {
+            return self.paraxial(from, to, spectrum).value.clamp(0.25 * free, 2.0 * free) - free;
+        }
+        let (field, across) = self.field(from, to, spectrum);
+        match share {
+            _ if !field.reflects() => field.mean(&across, coherent) - free,
+            None => field.mean(&across, |parts| parts.incident.norm_sqr()) - free,
+            Some(share) => {
+                // Direct and reflected sound add as energies, but as pressures near the reflection boundary, where the
+                // edge joins them: so the level is continuous there too.
+                let rigid = field.reflected_intensity();
+                let face = share / rigid;
+                let together = 1.0 - smooth_step(field.reflection_fresnel(spectrum));
+                field.mean(&across, |parts| {
+                    parts.incident.norm_sqr()
+                        + face * parts.reflected.norm_sqr()
+                        + 2.0 * together * face.sqrt() * (parts.incident * parts.reflected.conj()).re
+                }) - free
+                    - share
+            }
+        }
+    }
+
+    /// The published small-angle form.
+    fn paraxial(&self, from: &Place, to: &Place, spectrum: &Spectrum) -> RaySum {
         let edge = self.edge;
         let dy_m = (*self.kind == SourceKind::Point).then_some(to.along_m - from.along_m);
-        let paraxial = self.scene.simulation.transport == Transport::Paraxial;
         let opposite = (from.phi - PI) * (to.phi - PI) < 0.0;
-        if edge.exterior_angle > TAU - 1e-6 && opposite {
-            // x away from the screen, z across it.
-            let before = PI - from.phi;
-            let incident = match (from.r_m.is_infinite(), dy_m) {
-                (true, _) => Incident::Plane { s_x: from.phi.cos(), s_y: 0.0 },
-                (false, Some(dy_m)) => {
-                    Incident::Point { x_m: from.r_m * before.cos(), z_m: (from.r_m * before.sin()).abs(), dy_m }
-                }
-                (false, None) => Incident::Line { x_m: from.r_m * before.cos(), z_m: (from.r_m * before.sin()).abs() },
-            };
-            let behind = PI - to.phi;
-            let crossing = Crossing { incident, x_m: to.r_m * behind.cos(), z_m: (to.r_m * behind.sin()).abs() };
-            let jambs = if paraxial { Jambs::Paraxial } else { Jambs::Rigid };
-            return Some(Mask::new(&[[0.0, f64::INFINITY]]).intensity(&crossing, spectrum, jambs, TOLERANCE));
+        if edge.exterior_angle < TAU - 1e-6 || !opposite {
+            return edge::intensity(edge.exterior_angle, about(from), about(to), dy_m, spectrum, TOLERANCE);
         }
-        if edge.exterior_angle > TAU - 1e-6 && (from.phi - PI) * (to.phi - PI) >= 0.0 && (to.phi - from.phi).abs() < PI
-        {
-            return None;
-        }
-        let about = |p: &Place| AboutEdge { r_m: p.r_m, phi: p.phi };
-        Some(edge::intensity(edge.exterior_angle, about(from), about(to), dy_m, spectrum, TOLERANCE))
+        // x away from the screen, z across it.
+        let across = |p: &Place| (p.r_m * (PI - p.phi).cos(), (p.r_m * (PI - p.phi).sin()).abs());
+        let (x_m, z_m) = across(from);
+        let incident = match (from.r_m.is_infinite(), dy_m) {
+            (true, _) => Incident::Plane { s_x: from.phi.cos(), s_y: 0.0 },
+            (false, Some(dy_m)) => Incident::Point { x_m, z_m, dy_m },
+            (false, None) => Incident::Line { x_m, z_m },
+        };
+        let (x_m, z_m) = across(to);
+        let crossing = Crossing { incident, x_m, z_m };
+        Mask::new(&[[0.0, f64::INFINITY]]).intensity(&crossing, spectrum, Jambs::Paraxial, TOLERANCE)
     }
+}
+
+fn about(p: &Place) -> AboutEdge {
+    AboutEdge { r_m: p.r_m, phi: p.phi }
+}
+
+/// 0 below 0, 1 above 1, smooth between.
+fn smooth_step(t: f64) -> f64 {
+    let t = t.clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
 }

@@ -10,8 +10,8 @@ use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::mask::Mask;
-use crate::wbsdf::rectangle::{self, Sides};
-use crate::wbsdf::slit::{self, BandApertures, Form};
+use crate::wbsdf::rectangle::{Rectangle, Sides, shortest_over};
+use crate::wbsdf::slit::{self, BandApertures};
 
 /// Openings that act as one: a rectangle, or all infinitely long slits of one plane.
 pub struct Gap {
@@ -25,7 +25,7 @@ pub struct Gap {
 
 enum Shape {
     Slits { mask: Mask, apertures: Vec<OnceLock<BandApertures>> },
-    Rectangle { x_m: [f64; 2], y_m: [f64; 2] },
+    Rectangle { x_m: [f64; 2], y_m: [f64; 2], bands: Vec<OnceLock<Rectangle>> },
 }
 
 /// Places across an opening (shares of its width) where sight of source and probe is tested.
@@ -63,7 +63,8 @@ impl Gap {
                 let apertures = scene.bands.iter().map(|_| OnceLock::new()).collect();
                 Shape::Slits { mask: Mask::new(&[portal.x_m]), apertures }
             } else {
-                Shape::Rectangle { x_m: portal.x_m, y_m: portal.y_m }
+                let bands = scene.bands.iter().map(|_| OnceLock::new()).collect();
+                Shape::Rectangle { x_m: portal.x_m, y_m: portal.y_m, bands }
             };
             gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip });
         }
@@ -91,8 +92,8 @@ impl Gap {
             Shape::Slits { mask, apertures } => {
                 self.slit_paths(scene, geometry, spectra, kind, source, probe, order, mask, apertures)
             }
-            Shape::Rectangle { x_m, y_m } => {
-                self.rectangle_paths(scene, geometry, spectra, source, probe, order, *x_m, *y_m)
+            Shape::Rectangle { x_m, y_m, bands } => {
+                self.rectangle_paths(scene, geometry, spectra, source, probe, order, *x_m, *y_m, bands)
             }
         }
     }
@@ -129,14 +130,13 @@ impl Gap {
                 let mut intensity = Vec::with_capacity(spectra.len());
                 let mut error = Vec::with_capacity(spectra.len());
                 for (band, spectrum) in spectra.iter().enumerate() {
-                    let form = match scene.simulation.transport {
-                        Transport::Paraxial => Form::Paraxial,
-                        _ => Form::of_pair(mask, &crossing, spectrum),
+                    let solved = || {
+                        let across = slit::sin_beta(mask, &crossing) == 1.0;
+                        across.then(|| apertures[band].get_or_init(|| BandApertures::new(mask, spectrum, 1.0)))
                     };
-                    let sum = if form == Form::Exact && crossing.sin_beta() == 1.0 {
-                        apertures[band].get_or_init(|| BandApertures::new(mask, spectrum, 1.0)).intensity(&crossing)
-                    } else {
-                        slit::intensity(mask, &crossing, spectrum, form, TOLERANCE)
+                    let sum = match scene.simulation.transport {
+                        Transport::Paraxial => slit::paraxial_intensity(mask, &crossing, spectrum, TOLERANCE),
+                        _ => slit::intensity(mask, &crossing, spectrum, solved, TOLERANCE),
                     };
                     let air = (-scene.air.attenuation_per_m[band] * length).exp();
                     let factor = share * loss[band] * air;
@@ -230,6 +230,7 @@ impl Gap {
         order: usize,
         x_m: [f64; 2],
         y_m: [f64; 2],
+        bands: &[OnceLock<Rectangle>],
     ) -> Vec<EarlyPath> {
         let places: [DVec3; 25] = std::array::from_fn(|i| {
             let along = |limits: [f64; 2], share: f64| limits[0] + share * (limits[1] - limits[0]);
@@ -261,7 +262,8 @@ impl Gap {
                     let cell = ((x_m[1] - x_m[0]) * (y_m[1] - y_m[0])) / 16.0;
                     let share = seen_share(&seen, &places, over, zone.max(cell));
                     let value = if share > 0.0 {
-                        rectangle::intensity(x_m, y_m, from.position, to.position, spectrum, sides)
+                        let rectangle = bands[band].get_or_init(|| Rectangle::new(x_m, y_m, spectrum, sides));
+                        rectangle.intensity(from.position, to.position)
                     } else {
                         0.0
                     };
@@ -313,28 +315,6 @@ fn shortest(crossing: &Crossing, mask: &Mask) -> f64 {
         _ => crossing.length_m(x),
     };
     over.map(length).fold(f64::INFINITY, f64::min)
-}
-
-/// The point of the rectangle on the shortest way from `a` to `b` (local coordinates, opposite sides): the straight
-/// line's crossing, clamped, then the stationary point along each side in turn.
-fn shortest_over(a: DVec3, b: DVec3, x_m: [f64; 2], y_m: [f64; 2]) -> Option<DVec3> {
-    let t = a.z / (a.z - b.z);
-    if !(0.0..=1.0).contains(&t) {
-        return None;
-    }
-    let straight = a + (b - a) * t;
-    let mut over = DVec3::new(straight.x.clamp(x_m[0], x_m[1]), straight.y.clamp(y_m[0], y_m[1]), 0.0);
-    for _ in 0..3 {
-        // With the other coordinate fixed the shortest way divides like the distances across it.
-        let divide = |a: f64, b: f64, into: f64, out: f64, limits: [f64; 2]| {
-            (a + (b - a) * into / (into + out)).clamp(limits[0], limits[1])
-        };
-        let across =
-            |p: DVec3, over: DVec3, along_x: bool| (if along_x { p.y - over.y } else { p.x - over.x }).hypot(p.z);
-        over.x = divide(a.x, b.x, across(a, over, true), across(b, over, true), x_m);
-        over.y = divide(a.y, b.y, across(a, over, false), across(b, over, false), y_m);
-    }
-    Some(over)
 }
 
 /// Share of the places that are seen, weighted by a Gaussian of area `zone_m2` about `over`.

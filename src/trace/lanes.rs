@@ -24,6 +24,12 @@ pub(super) fn peak<const N: usize>(weights: &Lanes<N>) -> f32 {
     largest.iter().fold(0.0, |a, &b| if b > a { b } else { a })
 }
 
+/// Mean absolute value over the lanes. Its expectation at a portal is what the portal passes, while that of the largest grows
+/// with every crossing, because one direction serves all bands.
+pub(super) fn mean<const N: usize>(weights: &Lanes<N>) -> f32 {
+    weights.iter().map(|w| w.abs()).sum::<f32>() / N as f32
+}
+
 /// Multiplies lane by lane.
 #[inline]
 pub(super) fn multiply<const N: usize>(weights: &mut Lanes<N>, factors: &Lanes<N>) {

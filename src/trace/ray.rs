@@ -11,7 +11,7 @@
 use glam::DVec3;
 
 use super::Scattering;
-use super::lanes::{Lanes, air_factors, lanes, multiply, peak};
+use super::lanes::{Lanes, air_factors, lanes, mean, multiply, peak};
 use super::ledger::Account;
 use super::portal::Captured;
 use super::random::Stream;
@@ -29,12 +29,8 @@ const POPULATION: f32 = 3.0;
 /// After this many split-off rays the inclination of a history to split has halved: bounds the tree.
 const SPLIT_BUDGET: f64 = 16.0;
 
-/// Rays into which one of full strength is split on its first passage of a portal that keeps its largest weight.
-const PORTAL_PARTS: f64 = 4.0;
-/// The most rays of one crossing.
-const MAX_PORTAL_PARTS: f64 = 64.0;
-/// Draws that estimate a portal's gain.
-const PILOT_DRAWS: u32 = 4;
+/// Rays into which one of full strength is split when it first passes a portal.
+const PORTAL_PARTS: f64 = 6.0;
 
 /// Walls a ray remembers having passed. A second passage of the same wall (the way back) is sampled with its
 /// true probability instead of being forced.
@@ -65,7 +61,7 @@ pub(super) struct Ray<const N: usize> {
     weights: Lanes<N>,
     /// Probability of this history's specular/diffuse decisions in each band over the one they were drawn with; mean 1.
     ratio: Lanes<N>,
-    /// Largest weight at the start of this branch.
+    /// Mean weight at the start of this branch.
     reference: f32,
     /// Probability with which the roulette has let this branch come so far.
     kept: f32,
@@ -91,7 +87,7 @@ impl<const N: usize> Ray<N> {
 
     /// Strength relative to the start of the branch.
     fn strength(&self) -> f64 {
-        f64::from(peak(&self.weights) / self.reference)
+        f64::from(mean(&self.weights) / self.reference)
     }
 
     /// Begins a branch beyond the wall or portal `group`, unless it is known: it is followed as far below its own start as
@@ -100,7 +96,7 @@ impl<const N: usize> Ray<N> {
         if self.explores(group) {
             self.passed[self.passed_count] = group;
             self.passed_count += 1;
-            self.reference = peak(&self.weights).min(self.reference);
+            self.reference = mean(&self.weights).min(self.reference);
             self.kept = 1.0;
         }
     }
@@ -124,7 +120,7 @@ pub(super) fn trace_ray<S: Scattering, const N: usize>(
         length_m: 0.0,
         weights,
         ratio: lanes(std::iter::repeat_n(1.0, stage.bands)),
-        reference: 1.0,
+        reference: stage.bands as f32 / N as f32,
         kept: 1.0,
         skip: Skip::NONE,
         last: Last::Emission,
@@ -249,7 +245,7 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
 
     /// Ends weak rays at random without bias. Returns false if the ray ended.
     fn roulette(&mut self, ray: &mut Ray<N>) -> bool {
-        let largest = peak(&ray.weights);
+        let largest = mean(&ray.weights);
         if largest == 0.0 {
             return false;
         }
@@ -446,8 +442,8 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
     /// A crossing of the portal at local (x, y) in m: what it sends to the probes at once, and the rays that go on.
     ///
     /// On its first passage a ray of full `strength` goes on as several, each with its part of the power and of the random
-    /// numbers (stratified): crossings are rare, and one direction has to serve all bands, whose lobes differ in width. So
-    /// does any ray whose weights would outgrow the start of its branch.
+    /// numbers (stratified): crossings are rare, and one direction has to serve all bands, whose lobes differ in width. Not
+    /// on later passages: between live rooms joined by a wide opening the rays would breed without end.
     ///
     /// The rays leave from the far face at the same (x, y): a thick host's jambs play no part beyond what the scattering
     /// knows of them.
@@ -476,9 +472,11 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             }
         }
 
-        let eagerness = if ray.explores(hit.group) { PORTAL_PARTS * self.budget() } else { 1.0 };
-        let gain = self.pilot_gain(form, portal, (x_m, y_m), s_i);
-        let parts = (eagerness * strength * gain).round().clamp(1.0, MAX_PORTAL_PARTS) as u32;
+        let parts = if ray.explores(hit.group) {
+            (PORTAL_PARTS * strength * self.budget()).round().clamp(1.0, PORTAL_PARTS) as u32
+        } else {
+            1
+        };
         self.split += parts - 1;
         ray.weights.iter_mut().for_each(|w| *w /= parts as f32);
         ray.enter(hit.group);
@@ -496,20 +494,6 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             child.last = Last::Portal(portal);
             self.pending.push(child);
         }
-    }
-
-    /// By which factor a crossing changes the largest weight: mean of a few draws that serve this purpose alone (a decision
-    /// from the draws that count would bias them). Narrow openings pass many times the power of grazing rays.
-    fn pilot_gain(&mut self, form: Form, portal: usize, (x_m, y_m): (f64, f64), s_i: DVec3) -> f64 {
-        let mut gain = 0.0;
-        for _ in 0..PILOT_DRAWS {
-            let u = [self.stream.uniform(), self.stream.uniform(), self.stream.uniform()];
-            let mut weights = lanes::<N>(std::iter::repeat_n(1.0, self.stage.bands));
-            if self.stage.scatter[portal].sample(form, (x_m, y_m), s_i, u, &mut weights[..self.stage.bands]).is_some() {
-                gain += f64::from(peak(&weights)) / f64::from(PILOT_DRAWS);
-            }
-        }
-        gain
     }
 
     /// Next-event estimation from a crossing: 4 pi times power times density over r^2, in the bands with a broad lobe.

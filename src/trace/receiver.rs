@@ -107,3 +107,52 @@ fn visible_volume(centre: DVec3, radius: f64, geometry: &Geometry) -> f64 {
     // A probe that touches surfaces on all sides would have no volume at all.
     (4.0 / 3.0 * std::f64::consts::PI * cubes / VISIBILITY_DIRECTIONS as f64).max(1e-9 * radius.powi(3))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ball() -> Receiver<8> {
+        Receiver {
+            position: DVec3::new(1.0, 2.0, 3.0),
+            radius2: 0.16,
+            scale: 1.0,
+            sphere_bands: Vec::new(),
+            at_crossing: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_chord_through_the_middle_is_the_diameter() {
+        let (start, end, closest) =
+            ball().chord(DVec3::new(0.0, 2.0, 3.0), DVec3::X, 9.0).expect("it passes the middle");
+        assert!((start - 0.6).abs() < 1e-12 && (end - 1.4).abs() < 1e-12 && (closest - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_flight_that_ends_in_the_sphere_counts_to_its_end() {
+        let (start, end, closest) = ball().chord(DVec3::new(0.0, 2.0, 3.0), DVec3::X, 0.9).expect("it enters");
+        assert!((end - start - 0.3).abs() < 1e-12 && closest == end);
+        assert_eq!(ball().chord(DVec3::new(0.0, 2.0, 3.0), DVec3::X, 0.5), None);
+        assert_eq!(ball().chord(DVec3::new(2.0, 2.0, 3.0), DVec3::X, 9.0), None);
+        assert_eq!(ball().chord(DVec3::new(0.0, 2.41, 3.0), DVec3::X, 9.0), None);
+    }
+
+    #[test]
+    fn the_mean_chord_of_parallel_rays_is_four_thirds_of_the_radius() {
+        let n = 400;
+        let (mut sum, mut hits) = (0.0, 0);
+        for i in 0..n {
+            for j in 0..n {
+                let offset = |k: i32| 0.4 * ((f64::from(k) + 0.5) / f64::from(n) * 2.0 - 1.0);
+                let origin = DVec3::new(-5.0, 2.0 + offset(i), 3.0 + offset(j));
+                if let Some((start, end, _)) = ball().chord(origin, DVec3::X, 99.0) {
+                    sum += end - start;
+                    hits += 1;
+                }
+            }
+        }
+        // 160 000 rays over the square round the disc: the edge of the disc is resolved to 1e-3.
+        assert!((sum / f64::from(hits) / (4.0 / 3.0 * 0.4) - 1.0).abs() < 2e-3);
+    }
+}

@@ -161,3 +161,51 @@ impl<const N: usize> Tally<N> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three rays: 1 + 2 in two bins, nothing, -3.
+    fn three_rays() -> Tally<8> {
+        let mut tally = Tally::new(2, 10, 1e-3);
+        tally.receive(1, 0.0015, &[1.0; 8]);
+        tally.receive(1, 0.0031, &[2.0; 8]);
+        tally.end_ray();
+        tally.end_ray();
+        tally.receive(1, 0.0031, &[-3.0; 8]);
+        tally.receive(1, 0.0100, &[99.0; 8]);
+        tally.end_ray();
+        tally
+    }
+
+    #[test]
+    fn the_error_is_that_of_the_mean_over_rays() {
+        let tally = three_rays();
+        // Samples 3, 0, -3: mean 0, sample variance 9, standard error sqrt(9/3).
+        let (mean, error) = tally.mean_and_error(1, 0);
+        assert!(mean.abs() < 1e-15 && (error - 3f64.sqrt()).abs() < 1e-12, "{mean} {error}");
+        assert_eq!(tally.mean_and_error(0, 0), (0.0, 0.0));
+        assert_eq!(tally.arrivals, [0, 2]);
+    }
+
+    #[test]
+    fn late_arrivals_are_ignored_and_bins_hold_the_mean_over_rays() {
+        let echogram = three_rays().echogram(1, 1);
+        let expected = [0.0, 1.0 / 3.0, 0.0, -1.0 / 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        assert_eq!(echogram.energy[0].len(), 10);
+        assert!(echogram.energy[0].iter().zip(expected).all(|(e, x)| (e - x).abs() < 1e-15), "{echogram:?}");
+    }
+
+    #[test]
+    fn merging_adds_and_clearing_forgets() {
+        let mut sum = three_rays();
+        let mut other = three_rays();
+        sum.merge(&other);
+        assert_eq!(sum.rays, 6);
+        assert!((sum.echogram(1, 1).energy[0][1] - 1.0 / 3.0).abs() < 1e-15);
+        other.clear();
+        assert_eq!((other.rays, other.mean_and_error(1, 0).0), (0, 0.0));
+        assert!(other.echogram(1, 1).energy[0].iter().all(|&e| e == 0.0));
+    }
+}

@@ -3,9 +3,11 @@
 pub mod aperture;
 pub mod crossing;
 pub mod edge;
+mod hankel;
 pub mod mask;
 pub mod quadrature;
 pub mod rectangle;
 pub mod scatter;
 pub mod slit;
+pub mod wedge;
 pub mod weight;

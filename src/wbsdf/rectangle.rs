@@ -1,7 +1,7 @@
 //! A rectangular opening between two points: the product of its two directions, frequency by frequency.
 //!
-//! In each direction the opening is a slit for the wave number k sin(beta) that the path leaves it, and its
-//! transfer |p/p_free|^2 is that of the slit: signed rays with eq. (5a-c) where it is wide, the exact aperture where it
+//! In each direction the opening is a slit between source and receiver at the distances that the shortest way through
+//! the opening has when it is unfolded, and its transfer |p/p_free|^2 is that of the slit: signed rays with eq. (5a-c) where it is wide, the exact aperture where it
 //! is narrow. The transfers of a single frequency are sums of sines in f, so a whole grid of frequencies costs one
 //! evaluation of the rays and a rotation a frequency; their product is then averaged over the band. Where the opening is
 //! narrow both ways the product of two slits fails (each of them has the slit's logarithm): there it radiates like the
@@ -18,7 +18,7 @@ use super::quadrature::{PHASE_PER_PANEL, panel_nodes};
 use super::slit::gauss_nodes;
 
 /// k times width up to which a side is solved exactly.
-const NARROW_SIDE_KA: f64 = 5.0;
+const NARROW_SIDE_KA: f64 = 12.0;
 /// k times width of both sides up to which the opening is a small hole.
 const SMALL_HOLE_KA: f64 = 3.0;
 
@@ -32,6 +32,8 @@ pub enum Sides {
     NarrowX,
     /// Signed rays along x, exact aperture along y.
     NarrowY,
+    /// Exact aperture both ways.
+    NarrowBoth,
     /// Hole of equal area.
     SmallHole,
     /// Signed rays of the published small-angle form both ways.
@@ -45,66 +47,118 @@ impl Sides {
         let (x, y) = (k * width_m, k * height_m);
         if x.max(y) < SMALL_HOLE_KA {
             Self::SmallHole
-        } else if x < NARROW_SIDE_KA && x <= y {
-            Self::NarrowX
-        } else if y < NARROW_SIDE_KA {
-            Self::NarrowY
         } else {
-            Self::WideBoth
+            match (x < NARROW_SIDE_KA, y < NARROW_SIDE_KA) {
+                (true, true) => Self::NarrowBoth,
+                (true, false) => Self::NarrowX,
+                (false, true) => Self::NarrowY,
+                (false, false) => Self::WideBoth,
+            }
         }
     }
 }
 
-/// Intensity at `receiver` of a point source at `source` (1/r^2 in the free field), both in the opening's frame (x and
-/// y along its sides, z the normal, in m, on opposite sides of z = 0), through the opening
-/// x_m by y_m of a rigid thin screen; one value per band, relative to the free field at 1 m.
-pub fn intensity(
+/// A rectangular opening of a rigid thin screen in one band: what is the same for all sources and receivers.
+pub struct Rectangle {
     x_m: [f64; 2],
     y_m: [f64; 2],
-    source: DVec3,
-    receiver: DVec3,
-    spectrum: &Spectrum,
+    spectrum: Spectrum,
     sides: Sides,
-) -> f64 {
-    let (source, receiver) = facing(source, receiver);
-    let free = 1.0 / (receiver - source).length_squared();
-    if sides == Sides::SmallHole {
-        return small_hole(x_m, y_m, source, receiver, spectrum);
-    }
-    // The ray over the point of the opening next to the straight line gives the angles with the edges.
-    let t = source.z / (source.z - receiver.z);
-    let straight = source + (receiver - source) * t;
-    let over = DVec3::new(straight.x.clamp(x_m[0], x_m[1]), straight.y.clamp(y_m[0], y_m[1]), 0.0);
-    let (into, out) = (over - source, receiver - over);
-    let length = into.length() + out.length();
-    let sin_to_y = (into.x.hypot(into.z) + out.x.hypot(out.z)) / length;
-    let sin_to_x = (into.y.hypot(into.z) + out.y.hypot(out.z)) / length;
-    let across =
-        |s: f64, r: f64| Crossing { incident: Incident::Line { x_m: s, z_m: -source.z }, x_m: r, z_m: receiver.z };
-    let x = Side { limits: x_m, crossing: across(source.x, receiver.x), sin_beta: sin_to_y };
-    let y = Side { limits: y_m, crossing: across(source.y, receiver.y), sin_beta: sin_to_x };
-    let jambs = if sides == Sides::Paraxial { Jambs::Paraxial } else { Jambs::Rigid };
-    let width = spectrum.high_k() - spectrum.low_k();
-    // |p|^2 varies over the band like cos(k d), d the detours between the jambs.
-    let phase = width * (x.detour_m() + y.detour_m());
-    let mean = match sides {
-        Sides::NarrowX | Sides::NarrowY => {
-            let (narrow, wide) = if sides == Sides::NarrowX { (&x, &y) } else { (&y, &x) };
-            let count = if width > 0.0 { 4 + (0.4 * phase).ceil() as usize } else { 1 };
-            let samples = wide.samples(spectrum, jambs);
-            gauss_nodes(spectrum.low_k(), spectrum.high_k(), count)
-                .map(|(k, weight)| weight * narrow.exact(k) * samples.at(k))
-                .sum::<f64>()
+    /// Wave numbers and weights where a side is solved exactly.
+    nodes: Vec<(f64, f64)>,
+    /// Factorised sides at the nodes; empty for wide ones.
+    across_x: Vec<Aperture>,
+    across_y: Vec<Aperture>,
+}
+
+impl Rectangle {
+    /// Prepares the opening `x_m` by `y_m` (limits along its sides in m) for the band.
+    pub fn new(x_m: [f64; 2], y_m: [f64; 2], spectrum: &Spectrum, sides: Sides) -> Self {
+        let (low, high) = (spectrum.low_k(), spectrum.high_k());
+        let (narrow_x, narrow_y) = match sides {
+            Sides::NarrowBoth => (true, true),
+            Sides::NarrowX => (true, false),
+            Sides::NarrowY => (false, true),
+            Sides::WideBoth | Sides::SmallHole | Sides::Paraxial => (false, false),
+        };
+        let mut nodes = Vec::new();
+        if narrow_x || narrow_y {
+            // |p|^2 varies over the band like cos(k d), d at most twice the diagonal (see slit.rs).
+            let diagonal = (x_m[1] - x_m[0]).hypot(y_m[1] - y_m[0]);
+            let count = if high > low { 4 + (0.7 * (high - low) * diagonal).ceil() as usize } else { 1 };
+            nodes = gauss_nodes(low, high, count).collect();
         }
-        _ => {
+        let solve = |narrow: bool, limits: [f64; 2]| -> Vec<Aperture> {
+            nodes.iter().filter(|_| narrow).map(|(k, _)| Aperture::new(&[limits], *k)).collect()
+        };
+        let (across_x, across_y) = (solve(narrow_x, x_m), solve(narrow_y, y_m));
+        Self { x_m, y_m, spectrum: *spectrum, sides, nodes, across_x, across_y }
+    }
+
+    /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
+    /// mean. Both in the opening's frame (x and y along its sides, z the normal, in m), on opposite sides of z = 0.
+    /// Swapping them changes nothing.
+    pub fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let (source, receiver) = facing(source, receiver);
+        let (x_m, y_m, spectrum) = (self.x_m, self.y_m, &self.spectrum);
+        if self.sides == Sides::SmallHole {
+            return small_hole(x_m, y_m, source, receiver, spectrum);
+        }
+        let Some(over) = shortest_over(source, receiver, x_m, y_m) else { return 0.0 };
+        let (into, out) = (over - source, receiver - over);
+        // Along each side the way is unfolded about the shortest one: the other direction only makes it longer.
+        let side = |limits: [f64; 2], s: f64, r: f64, z_in: f64, z_out: f64| Side {
+            limits,
+            crossing: Crossing { incident: Incident::Line { x_m: s, z_m: z_in }, x_m: r, z_m: z_out },
+        };
+        let x = side(x_m, source.x, receiver.x, into.z.hypot(into.y), out.z.hypot(out.y));
+        let y = side(y_m, source.y, receiver.y, into.z.hypot(into.x), out.z.hypot(out.x));
+        // Cylindrical spreading along either side: 1/r^2 where the straight way is free.
+        let spread = x.crossing.free_intensity() * y.crossing.free_intensity();
+        let jambs = if self.sides == Sides::Paraxial { Jambs::Paraxial } else { Jambs::Rigid };
+        if self.nodes.is_empty() {
+            let width = spectrum.high_k() - spectrum.low_k();
+            let phase = width * (x.detour_m() + y.detour_m());
             let count = if width > 0.0 { 8 + (phase / PI * 1.5).ceil() as usize } else { 1 };
             let grid = Grid::midpoints(spectrum, count);
             let along_x = x.samples(spectrum, jambs).on(&grid);
             let along_y = y.samples(spectrum, jambs).on(&grid);
-            along_x.iter().zip(&along_y).map(|(a, b)| a * b).sum::<f64>() / count as f64
+            return along_x.iter().zip(&along_y).map(|(a, b)| a * b).sum::<f64>() / count as f64 * spread;
         }
-    };
-    mean * free
+        let transfers = |side: &Side, solved: &[Aperture]| -> Vec<f64> {
+            if solved.is_empty() {
+                let samples = side.samples(spectrum, jambs);
+                return self.nodes.iter().map(|(k, _)| samples.at(*k)).collect();
+            }
+            let exact = |a: &Aperture| a.transfer(&a.solve_for(&side.crossing.incident), &side.crossing);
+            solved.iter().map(exact).collect()
+        };
+        let (along_x, along_y) = (transfers(&x, &self.across_x), transfers(&y, &self.across_y));
+        let products = along_x.iter().zip(&along_y).zip(&self.nodes);
+        products.map(|((a, b), (_, weight))| a * b * weight).sum::<f64>() * spread
+    }
+}
+
+/// Point of the rectangle on the shortest way from `a` to `b` (opposite sides of z = 0): the straight line's crossing,
+/// clamped, then the shortest along each side in turn.
+pub fn shortest_over(a: DVec3, b: DVec3, x_m: [f64; 2], y_m: [f64; 2]) -> Option<DVec3> {
+    let t = a.z / (a.z - b.z);
+    if !(0.0..=1.0).contains(&t) {
+        return None;
+    }
+    let straight = a + (b - a) * t;
+    let mut over = DVec3::new(straight.x.clamp(x_m[0], x_m[1]), straight.y.clamp(y_m[0], y_m[1]), 0.0);
+    for _ in 0..3 {
+        // With the other coordinate fixed the shortest way divides like the distances across it.
+        let divide = |a: f64, b: f64, into: f64, out: f64, limits: [f64; 2]| {
+            (a + (b - a) * into / (into + out)).clamp(limits[0], limits[1])
+        };
+        let across =
+            |p: DVec3, over: DVec3, along_x: bool| (if along_x { p.y - over.y } else { p.x - over.x }).hypot(p.z);
+        over.x = divide(a.x, b.x, across(a, over, true), across(b, over, true), x_m);
+        over.y = divide(a.y, b.y, across(a, over, false), across(b, over, false), y_m);
+    }
+    Some(over)
 }
 
 /// Puts the source before the plane (z < 0) and the receiver behind it.
@@ -159,7 +213,6 @@ fn small_hole(x_m: [f64; 2], y_m: [f64; 2], source: DVec3, receiver: DVec3, spec
 struct Side {
     limits: [f64; 2],
     crossing: Crossing,
-    sin_beta: f64,
 }
 
 /// Wave numbers in 1/m at the midpoints of equal parts of a band.
@@ -191,12 +244,6 @@ impl Side {
             + 0.25 * (self.limits[1] - self.limits[0])
     }
 
-    /// |p/p_free|^2 by the integral equation at wave number `k`.
-    fn exact(&self, k: f64) -> f64 {
-        let aperture = Aperture::new(&[self.limits], k * self.sin_beta);
-        aperture.transfer(&aperture.solve_for(&self.crossing.incident), &self.crossing)
-    }
-
     /// The signed rays of the closed form as amplitudes of sin(k delay).
     fn samples(&self, spectrum: &Spectrum, jambs: Jambs) -> Samples {
         let [a, b] = self.limits;
@@ -209,7 +256,7 @@ impl Side {
         cuts.sort_by(f64::total_cmp);
         let rigid = jambs == Jambs::Rigid;
         let scale = 1.0 / self.crossing.free_intensity();
-        let k = spectrum.high_k() * self.sin_beta;
+        let k = spectrum.high_k();
         let separation = |x: f64| if x < middle { 2.0 * (x - a) } else { 2.0 * (b - x) };
         let mut sines = Vec::new();
         for cut in cuts.windows(2) {
@@ -232,7 +279,7 @@ impl Side {
                         let side = if x < middle { -1.0 } else { 1.0 };
                         amplitude = amplitude * ray.cos_sigma().powi(2) + side / PI;
                     }
-                    sines.push((h * delta * self.sin_beta, amplitude * ray.spread * weight * scale));
+                    sines.push((h * delta, amplitude * ray.spread * weight * scale));
                 }
             }
         }
@@ -240,10 +287,10 @@ impl Side {
         if rigid {
             let strength = |x: f64| {
                 let ray = self.crossing.ray(x);
-                ray.spread.sqrt() / (4.0 * PI * ray.cos_sigma().max(1e-9)) * (scale * TAU / self.sin_beta).sqrt()
+                ray.spread.sqrt() / (4.0 * PI * ray.cos_sigma().max(1e-9)) * (scale * TAU).sqrt()
             };
             let (low, high) = (strength(a), strength(b));
-            let detour = (self.crossing.length_m(b) - self.crossing.length_m(a)) * self.sin_beta;
+            let detour = self.crossing.length_m(b) - self.crossing.length_m(a);
             constant = low * low + high * high;
             cosine = (detour, 2.0 * low * high);
         }
