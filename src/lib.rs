@@ -1,4 +1,4 @@
-//! Acoustic ray tracing with diffraction by signed rays (see README.md).
+#![doc = include_str!("../README.md")]
 
 pub mod error;
 pub mod geometry;

@@ -84,7 +84,7 @@ fn every_room_says_what_to_expect_and_runs() {
         assert!(comment.contains("Expected") && comment.contains("Source:"), "{}", file.display());
         // Quick where rays are traced; the others are not changed by it.
         let name = file.file_name().unwrap().to_str().unwrap();
-        let scene = scene(name, &["simulation.target_db=3", "simulation.max_rays=20000"]);
+        let scene = scene(name, &["simulation.target_db=3", "simulation.max_rays=1000"]);
         let outcome = simulated(&scene);
         assert_eq!(outcome.receptions.len(), scene.sources.len() * scene.probes.len());
         for r in &outcome.receptions {
@@ -223,7 +223,7 @@ fn round_the_corner_comes_first_what_the_edge_sends() {
 fn more_of_the_door_open_is_louder_next_door_and_quieter_here() {
     let at = |open: &str| {
         let open = format!("opening.door.open_m={open}");
-        let set = [open.as_str(), "simulation.target_db=1", "bands.from_hz=250", "bands.to_hz=2000"];
+        let set = [open.as_str(), "simulation.max_rays=2000", "bands.from_hz=250", "bands.to_hz=2000"];
         simulated(&scene("door-between-rooms.toml", &set))
     };
     let outcomes = ["0", "0.05", "0.3", "0.9"].map(at);

@@ -337,12 +337,6 @@ pub(super) fn sweep(
             let corners = [(rise.value_low, y.start), (rise.value_high, y.end)];
             chart.draw_series([Rectangle::new(corners, Ink::Rise.fill())])?;
         }
-        for curve in references {
-            let inside = curve.points.iter().filter(|(v, db)| x.contains(v) && db.is_finite());
-            let line: Vec<(f64, f64)> = inside.copied().collect();
-            chart
-                .draw_series(above(&line, y.start).into_iter().map(|l| PathElement::new(l, Ink::Reference.line(4))))?;
-        }
         for run in finite_runs(points) {
             let ends = |sign: f64| {
                 move |p: &SeriesPoint| {
@@ -357,10 +351,17 @@ pub(super) fn sweep(
             }
             let line: Vec<(f64, f64)> = run.iter().map(|p| (p.value, p.level.level_db())).collect();
             chart.draw_series(above(&line, y.start).into_iter().map(|l| PathElement::new(l, Ink::Level.line(5))))?;
-            if points.len() <= 61 {
+            if points.len() <= 61 && references.is_empty() {
                 let dots = line.iter().filter(|(_, db)| *db >= y.start);
                 chart.draw_series(dots.map(|&at| Circle::new(at, 6, Ink::Level.fill())))?;
             }
+        }
+        // Last, so that it is seen where both agree.
+        for curve in references {
+            let inside = curve.points.iter().filter(|(v, db)| x.contains(v) && db.is_finite());
+            let line: Vec<(f64, f64)> = inside.copied().collect();
+            chart
+                .draw_series(above(&line, y.start).into_iter().map(|l| PathElement::new(l, Ink::Reference.line(4))))?;
         }
         let plotting = chart.plotting_area();
         let mut labelled: Vec<&Rise> = rises.iter().filter(|r| r.rise_db.is_finite() && r.rise_db >= 0.1).collect();

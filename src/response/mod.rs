@@ -2,7 +2,7 @@
 //!
 //! # Scale
 //! Samples are sound pressure relative to the peak of the same source's free field at 1 m, the propagation delay kept: free
-//! field at distance r is a band-limited impulse of amplitude 1/r at r/c. With H(f) = sum of h[n] exp(-i 2 pi f n / rate)
+//! field at distance r is a band-limited impulse of amplitude 1/r at r/c. With H(f) = sum of `h[n]` exp(-i 2 pi f n / rate)
 //! (no factor) the white mean of |H|^2 over a band is the band's relative intensity.
 //!
 //! # Construction
