@@ -102,6 +102,16 @@ impl<const N: usize> Ray<N> {
     }
 }
 
+/// A passage of a portal.
+struct Through {
+    portal: usize,
+    form: Form,
+    /// Place in the portal's frame.
+    at_m: (f64, f64),
+    /// Local direction of incidence.
+    s_i: DVec3,
+}
+
 /// Follows one ray of `source` and all rays split off from it. `pending` is scratch memory.
 pub(super) fn trace_ray<S: Scattering, const N: usize>(
     stage: &Stage<'_, S, N>,
@@ -467,7 +477,8 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
         if !self.is_covered(ray.diffuse, ray.reflections, ray.portals) {
             for probe in 0..stage.receivers.len() {
                 if stage.receivers[probe].at_crossing[portal] {
-                    self.rain_from_crossing(&ray, form, portal, (x_m, y_m), s_i, to_local, probe);
+                    let passage = Through { portal, form, at_m: (x_m, y_m), s_i };
+                    self.rain_from_crossing(&ray, &passage, to_local, probe);
                 }
             }
         }
@@ -497,17 +508,9 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
     }
 
     /// Next-event estimation from a crossing: 4 pi times power times density over r^2, in the bands with a broad lobe.
-    fn rain_from_crossing(
-        &mut self,
-        ray: &Ray<N>,
-        form: Form,
-        portal: usize,
-        at_m: (f64, f64),
-        s_i: DVec3,
-        to_local: impl Fn(DVec3) -> DVec3,
-        probe: usize,
-    ) {
+    fn rain_from_crossing(&mut self, ray: &Ray<N>, passage: &Through, to_local: impl Fn(DVec3) -> DVec3, probe: usize) {
         let stage = self.stage;
+        let &Through { portal, form, at_m, s_i } = passage;
         let receiver = &stage.receivers[probe];
         let to = receiver.position - ray.position;
         let r2 = to.length_squared();
