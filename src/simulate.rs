@@ -167,7 +167,9 @@ fn silent_warnings(receptions: &[Reception]) -> Vec<Warning> {
         if reception.levels.iter().all(|l| l.intensity == 0.0 && l.intensity_error == 0.0) {
             warnings.push(Warning {
                 observation: format!("nothing of {name} arrives"),
-                remedy: "its levels are -inf; is there a way for the sound?".to_owned(),
+                remedy: "its levels are -inf; is there a way for the sound? Through two openings in a row only traced rays of \
+                         point sources find one"
+                    .to_owned(),
             });
             continue;
         }
