@@ -6,7 +6,8 @@ use std::f64::consts::PI;
 
 use diffray::scene::*;
 use diffray::trace::{Scattering, TracePlan};
-use diffray::wbsdf::scatter::Form;
+use diffray::wbsdf::crossing::Spectrum;
+use diffray::wbsdf::scatter::{Form, PortalScatter};
 use glam::DVec3;
 use trace_rooms::*;
 

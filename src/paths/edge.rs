@@ -214,7 +214,8 @@ impl Over<'_> {
             }
         };
         let inside = |phi: f64| phi <= edge.exterior_angle + 1e-9;
-        if !inside(from.phi) || !inside(to.phi) || !(from.r_m > 0.0 && to.r_m > 0.0 && length.is_finite()) {
+        let apart = from.r_m > 0.0 && to.r_m > 0.0 && length.is_finite();
+        if !(inside(from.phi) && inside(to.phi) && apart) {
             return None;
         }
         let two_dimensional = *self.kind != SourceKind::Point;

@@ -497,6 +497,7 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
     }
 
     /// Next-event estimation from a crossing: 4 pi times power times density over r^2, in the bands with a broad lobe.
+    #[expect(clippy::too_many_arguments, reason = "one crossing; a struct would only rename them")]
     fn rain_from_crossing(
         &mut self,
         ray: &Ray<N>,

@@ -463,7 +463,7 @@ mod tests {
         let s_i = DVec3::new(0.4, -0.3, (1.0_f64 - 0.25).sqrt());
         let (x, y) = (0.11, 0.7);
         let n = 400;
-        let mut integral = vec![0.0; 8];
+        let mut integral = [0.0; 8];
         let mut out = vec![0.0; 8];
         let cell = 2.0 / f64::from(n);
         for i in 0..n {
