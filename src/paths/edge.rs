@@ -8,8 +8,8 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::Specular;
 use super::images::{ImageTree, Origin};
+use super::{Pair, Specular};
 use crate::geometry::{Edge, Geometry, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Edges, Scene, SourceKind, Transport};
@@ -98,17 +98,8 @@ pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
 }
 
 /// Adds the paths over all felt edges, and what edges in sight change, to `paths`.
-#[expect(clippy::too_many_arguments, reason = "one call site; a struct would only rename them")]
-pub(super) fn add(
-    scene: &Scene,
-    geometry: &Geometry,
-    spectra: &[Spectrum],
-    kind: &SourceKind,
-    source: &ImageTree,
-    probe: &ImageTree,
-    order: usize,
-    paths: &mut Vec<Specular>,
-) {
+pub(super) fn add(pair: &Pair<'_>, paths: &mut Vec<Specular>) {
+    let &Pair { scene, geometry, spectra, kind, source, probe, order } = pair;
     // What the edges change is reckoned from the undisturbed intensities.
     let undisturbed: Vec<Vec<f64>> = paths.iter().map(|path| path.path.intensity.clone()).collect();
     for (edge, reach) in geometry.edges.iter().zip(edge_reach(scene, geometry)) {

@@ -4,11 +4,12 @@ use std::sync::OnceLock;
 
 use glam::DVec3;
 
+use super::Pair;
 use super::images::{ImageTree, Loss, Origin};
 use crate::geometry::{Geometry, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, SourceKind, Transport};
-use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
+use crate::wbsdf::crossing::{Crossing, Incident};
 use crate::wbsdf::mask::Mask;
 use crate::wbsdf::rectangle::{Rectangle, Sides, shortest_over};
 use crate::wbsdf::slit::{self, BandApertures};
@@ -71,46 +72,16 @@ impl Gap {
         gaps
     }
 
-    /// Direction of the edges of an infinitely long gap.
-    pub fn slit_direction(&self) -> Option<DVec3> {
-        matches!(self.shape, Shape::Slits { .. }).then_some(self.frame.y)
-    }
-
     /// All paths from the source's images to the probe's images through this gap with at most `order` reflections.
-    #[expect(clippy::too_many_arguments, reason = "one call site; a struct would only rename them")]
-    pub fn paths(
-        &self,
-        scene: &Scene,
-        geometry: &Geometry,
-        spectra: &[Spectrum],
-        kind: &SourceKind,
-        source: &ImageTree,
-        probe: &ImageTree,
-        order: usize,
-    ) -> Vec<EarlyPath> {
+    pub(super) fn paths(&self, pair: &Pair<'_>) -> Vec<EarlyPath> {
         match &self.shape {
-            Shape::Slits { mask, apertures } => {
-                self.slit_paths(scene, geometry, spectra, kind, source, probe, order, mask, apertures)
-            }
-            Shape::Rectangle { x_m, y_m, bands } => {
-                self.rectangle_paths(scene, geometry, spectra, source, probe, order, *x_m, *y_m, bands)
-            }
+            Shape::Slits { mask, apertures } => self.slit_paths(pair, mask, apertures),
+            Shape::Rectangle { x_m, y_m, bands } => self.rectangle_paths(pair, *x_m, *y_m, bands),
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "as above")]
-    fn slit_paths(
-        &self,
-        scene: &Scene,
-        geometry: &Geometry,
-        spectra: &[Spectrum],
-        kind: &SourceKind,
-        source: &ImageTree,
-        probe: &ImageTree,
-        order: usize,
-        mask: &Mask,
-        apertures: &[OnceLock<BandApertures>],
-    ) -> Vec<EarlyPath> {
+    fn slit_paths(&self, pair: &Pair<'_>, mask: &Mask, apertures: &[OnceLock<BandApertures>]) -> Vec<EarlyPath> {
+        let &Pair { scene, geometry, spectra, kind, source, probe, order } = pair;
         let mut paths = Vec::new();
         for (s, from) in source.images.iter().enumerate() {
             for (p, to) in
@@ -123,7 +94,7 @@ impl Gap {
                     continue;
                 }
                 let crossing = Crossing { incident, x_m: receiver.x, z_m: receiver.z.abs() };
-                let Some((share, loss)) = self.slit_sight(scene, geometry, source, probe, s, p, &crossing, mask) else {
+                let Some((share, loss)) = self.slit_sight(pair, (s, p), &crossing, mask) else {
                     continue;
                 };
                 let length = shortest(&crossing, mask);
@@ -174,18 +145,14 @@ impl Gap {
     }
 
     /// Share of the places in the gap that see both ends, and the loss of both chains, one factor a band.
-    #[expect(clippy::too_many_arguments, reason = "as above")]
     fn slit_sight(
         &self,
-        scene: &Scene,
-        geometry: &Geometry,
-        source: &ImageTree,
-        probe: &ImageTree,
-        s: usize,
-        p: usize,
+        pair: &Pair<'_>,
+        (s, p): (usize, usize),
         crossing: &Crossing,
         mask: &Mask,
     ) -> Option<(f64, Vec<f64>)> {
+        let &Pair { scene, geometry, source, probe, .. } = pair;
         let Origin::At(receiver) = probe.images[p].origin else { return None };
         let receiver = self.frame.local(receiver);
         let (mut seen, mut tried) = (0, 0);
@@ -219,19 +186,14 @@ impl Gap {
         loss.map(|loss| (f64::from(seen) / f64::from(tried), loss))
     }
 
-    #[expect(clippy::too_many_arguments, reason = "as above")]
     fn rectangle_paths(
         &self,
-        scene: &Scene,
-        geometry: &Geometry,
-        spectra: &[Spectrum],
-        source: &ImageTree,
-        probe: &ImageTree,
-        order: usize,
+        pair: &Pair<'_>,
         x_m: [f64; 2],
         y_m: [f64; 2],
         bands: &[OnceLock<Rectangle>],
     ) -> Vec<EarlyPath> {
+        let &Pair { scene, geometry, spectra, source, probe, order, .. } = pair;
         let places: [DVec3; 25] = std::array::from_fn(|i| {
             let along = |limits: [f64; 2], share: f64| limits[0] + share * (limits[1] - limits[0]);
             DVec3::new(along(x_m, SIGHT_PLACES[i % 5]), along(y_m, SIGHT_PLACES[i / 5]), 0.0)

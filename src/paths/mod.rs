@@ -18,6 +18,19 @@ pub use images::{ImageTree, Origin};
 /// Paths weaker than this relative to the strongest of their pair in every band are dropped (-120 dB).
 const NEGLIGIBLE: f64 = 1e-12;
 
+/// A source and a probe with their images, and the scene between them.
+struct Pair<'a> {
+    scene: &'a Scene,
+    geometry: &'a Geometry,
+    /// One a band.
+    spectra: &'a [Spectrum],
+    kind: &'a SourceKind,
+    source: &'a ImageTree,
+    probe: &'a ImageTree,
+    /// Most reflections on a path.
+    order: usize,
+}
+
 /// All deterministic paths, one list for every (source, probe), sources slowest.
 ///
 /// `reflection_order`: specular reflections on a path at most.
@@ -32,15 +45,21 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
     pairs
         .par_iter()
         .map(|&(s, p)| {
-            let kind = &scene.sources[s].kind;
-            let mut paths = specular(scene, geometry, kind, &sources[s], p);
+            let pair = Pair {
+                scene,
+                geometry,
+                spectra: &spectra,
+                kind: &scene.sources[s].kind,
+                source: &sources[s],
+                probe: &probes[p],
+                order: reflection_order,
+            };
+            let mut paths = specular(scene, geometry, pair.kind, pair.source, p);
             if scene.simulation.diffraction_order > 0 {
-                edge::add(scene, geometry, &spectra, kind, &sources[s], &probes[p], reflection_order, &mut paths);
+                edge::add(&pair, &mut paths);
             }
             let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
-            for gap in &gaps {
-                paths.extend(gap.paths(scene, geometry, &spectra, kind, &sources[s], &probes[p], reflection_order));
-            }
+            paths.extend(gaps.iter().flat_map(|gap| gap.paths(&pair)));
             tidy(paths)
         })
         .collect()

@@ -81,6 +81,7 @@ fn one_source(
             "they compare with 2D theory and have no reverberation: use walls, or kind = \"point\"",
         ));
     }
+    two_dimensional(&name, kind, matter).map_err(|(message, hint)| at.error(place(), message, hint))?;
     let omni_share = choice_or(table.directivity.as_ref(), 1.0, "directivity", &DIRECTIVITIES, at)?;
     if omni_share != 1.0 {
         // Another share than that of "omni" was named, so there is a name to point at.
@@ -103,6 +104,37 @@ fn one_source(
     }
     let power_db = table.power_db.as_ref().map(|power| power_db(power, bands, at)).transpose()?;
     Ok(Source { name, position_m, kind, power_db, directivity })
+}
+
+/// Line sources and plane waves are for two-dimensional scenes: every opening infinitely long, and a line along all of them and
+/// along all walls.
+fn two_dimensional(
+    name: &str,
+    kind: SourceKind,
+    matter: &Matter<'_>,
+) -> std::result::Result<(), (String, &'static str)> {
+    const PARALLEL: f64 = 1e-9;
+    if kind == SourceKind::Point {
+        return Ok(());
+    }
+    if let Some(opening) = matter.openings.iter().find(|o| o.y_m.iter().any(|y| y.is_finite())) {
+        let message = format!(
+            "source `{name}` is a line or plane source, which needs infinitely long openings; opening `{}` ends along local y",
+            opening.name
+        );
+        return Err((message, "leave y_m out (on an unbounded wall), or use kind = \"point\""));
+    }
+    let SourceKind::Line(axis) = kind else { return Ok(()) };
+    if let Some(opening) = matter.openings.iter().find(|o| axis.cross(o.frame.y).length() > PARALLEL) {
+        let message =
+            format!("the axis of line source `{name}` must be parallel to local y of opening `{}`", opening.name);
+        return Err((message, "a line source lies along the edges it is diffracted by"));
+    }
+    if let Some(wall) = matter.walls.iter().find(|w| axis.dot(w.frame.normal).abs() > PARALLEL) {
+        let message = format!("the axis of line source `{name}` must be parallel to wall `{}`", wall.name);
+        return Err((message, "in two dimensions nothing changes along the line: no wall may cross it"));
+    }
+    Ok(())
 }
 
 /// Sound power level: one number, or one a band of the scene.
