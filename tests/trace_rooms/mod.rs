@@ -129,7 +129,8 @@ pub(crate) fn shoebox(size: [f64; 3], absorption: &[f64], scattering: &[f64]) ->
     scene
 }
 
-/// What a portal does in scenes without one.
+/// A portal that changes nothing.
+#[derive(Clone)]
 pub(crate) struct Nothing;
 
 impl Scattering for Nothing {
