@@ -72,7 +72,8 @@ pub fn run(
         None => None,
     };
     let receptions = receptions(scene, early, traced.as_ref());
-    warnings.extend(silent_warnings(&receptions));
+    let closed = scene.openings.iter().any(|o| o.is_closed());
+    warnings.extend(silent_warnings(&receptions, closed));
     let stop = match &traced {
         None => plan.untraced_why.clone().unwrap_or_default(),
         Some(outcome) => match outcome.ended {
@@ -159,12 +160,15 @@ fn limit_warning(scene: &Scene, outcome: &TraceOutcome) -> Option<Warning> {
     })
 }
 
-/// Levels that nothing reached, and sums over signed rays that came out negative.
-fn silent_warnings(receptions: &[Reception]) -> Vec<Warning> {
+/// Levels that nothing reached (silence behind a closed door is none), and sums over signed rays that came out negative.
+fn silent_warnings(receptions: &[Reception], closed: bool) -> Vec<Warning> {
     let mut warnings = Vec::new();
     for reception in receptions {
         let name = format!("{} -> {}", reception.source, reception.probe);
         if reception.levels.iter().all(|l| l.intensity == 0.0 && l.intensity_error == 0.0) {
+            if closed {
+                continue;
+            }
             warnings.push(Warning {
                 observation: format!("nothing of {name} arrives"),
                 remedy: "its levels are -inf; is there a way for the sound? Through two openings in a row only traced rays of \
