@@ -42,18 +42,6 @@ pub fn face_frame(room: &BoxRoom, face: Face) -> Frame {
     Frame { origin_m, x, y, normal: x.cross(y) }
 }
 
-/// Name of a face as in the room file.
-fn face_name(face: Face) -> &'static str {
-    match face {
-        Face::XMin => "x_min",
-        Face::XMax => "x_max",
-        Face::YMin => "y_min",
-        Face::YMax => "y_max",
-        Face::Floor => "floor",
-        Face::Ceiling => "ceiling",
-    }
-}
-
 /// Width and height in m of a box face in its [`face_frame`].
 fn face_size(room: &BoxRoom, face: Face) -> [f64; 2] {
     let s = room.max_m - room.min_m;
@@ -171,7 +159,7 @@ impl<'a> Builder<'a> {
             let (plane, group) = (self.book.id(frame.normal, &corners), self.group());
             hosts.push(HostPlanes { faces: vec![(plane, 0.0)], thickness_m: 0.0, group });
             if let Some(material) = room.faces[face as usize] {
-                let name = format!("{}.{}", room.name, face_name(face));
+                let name = format!("{}.{}", room.name, face.name());
                 let surface = Surface { frame, material, plane, group, area_m2: w * h, name, one_sided: true };
                 let shape = Shape::Pieces(vec![cut::rectangle([0.0, w], [0.0, h])]);
                 self.sheets.push(Sheet::box_face(&surface, &corners, self.centre));

@@ -98,11 +98,11 @@ pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
 }
 
 /// Adds the paths over all felt edges, and what edges in sight change, to `paths`.
-pub(super) fn add(pair: &Pair<'_>, paths: &mut Vec<Specular>) {
+pub(super) fn add(pair: &Pair<'_>, reaches: &[EdgeReach], paths: &mut Vec<Specular>) {
     let &Pair { scene, geometry, spectra, kind, source, probe, order } = pair;
     // What the edges change is reckoned from the undisturbed intensities.
     let undisturbed: Vec<Vec<f64>> = paths.iter().map(|path| path.path.intensity.clone()).collect();
-    for (edge, reach) in geometry.edges.iter().zip(edge_reach(scene, geometry)) {
+    for (edge, reach) in geometry.edges.iter().zip(reaches) {
         if !reach.felt {
             continue;
         }

@@ -37,6 +37,7 @@ struct Pair<'a> {
 pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<Vec<EarlyPath>> {
     let spectra: Vec<Spectrum> = scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
     let gaps = if scene.simulation.diffraction_order > 0 { Gap::find(scene, geometry) } else { Vec::new() };
+    let reaches = edge_reach(scene, geometry);
     let probes: Vec<ImageTree> =
         scene.probes.par_iter().map(|p| ImageTree::of_probe(p.position_m, geometry, reflection_order)).collect();
     let sources: Vec<ImageTree> =
@@ -56,7 +57,7 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
             };
             let mut paths = specular(scene, geometry, pair.kind, pair.source, p);
             if scene.simulation.diffraction_order > 0 {
-                edge::add(&pair, &mut paths);
+                edge::add(&pair, &reaches, &mut paths);
             }
             let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
             paths.extend(gaps.iter().flat_map(|gap| gap.paths(&pair)));

@@ -1,8 +1,9 @@
 //! Portals as the rays see them, and the capture regions that make narrow ones findable.
 //!
-//! A random ray rarely meets a 5 mm gap. Round every portal with a side below [`CAPTURE_WIDTH_M`] lies a capture
-//! rectangle on either face of its wall: a ray that hits the wall (leaf and portal included) inside the rectangle sends a second
-//! ray through the opening, with its weight times A_open/A_capture and its place mapped linearly into the opening.
+//! A random ray rarely meets a 5 mm gap. Round every portal with a side below [`CAPTURE_WIDTH_M`], and every one that takes in
+//! more than the power that meets its area ([`WORTH_CAPTURING`]), lies a capture rectangle on either face of its wall: a
+//! ray that hits the wall (leaf and portal included) inside the rectangle sends a second ray through the opening, its place
+//! mapped linearly into it, with the share A_open/A_capture times the opening's transmission, and keeps the rest.
 //! Expectation and energy are exact where the incident field is homogeneous over the rectangle. Otherwise the opening
 //! hears the mean over the rectangle: a source at the distance h before the wall is misread by the order of
 //! (w/h)^2/4 for a rectangle of width w (0.4 m wide, 2 m away: 1 %), and arrival times spread by at most w/(2c), 0.6 ms.

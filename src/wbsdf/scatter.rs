@@ -400,35 +400,6 @@ impl Marginal {
     }
 }
 
-/// Mean over the hemisphere of the share of a diffuse field's power that an opening lets through: its transmission
-/// coefficient for diffuse incidence.
-pub fn diffuse_transmission(scatter: &PortalScatter, form: Form, draws: usize) -> Vec<f64> {
-    let bands = scatter.bands.len();
-    // A Kronecker sequence over place, incidence (Lambert) and outgoing direction.
-    let step = [
-        0.819_172_513_396_164_4,
-        0.671_043_606_703_789_1,
-        0.549_700_477_901_970_2,
-        0.450_305_001_312_8,
-        0.368_883_0,
-        0.302_184_5,
-        0.247_543_6,
-    ];
-    let mut sum = vec![0.0; bands];
-    for n in 0..draws {
-        let u: [f64; 7] = std::array::from_fn(|i| (0.5 + (n + 1) as f64 * step[i]).fract());
-        let (sin, turn) = (u[2].sqrt(), TAU * u[3]);
-        let s_i = DVec3::new(sin * turn.cos(), sin * turn.sin(), (1.0 - u[2]).sqrt());
-        let x = scatter.x_m[0] + u[0] * (scatter.x_m[1] - scatter.x_m[0]);
-        let y = scatter.y_m[0] + u[1] * (scatter.y_m[1] - scatter.y_m[0]);
-        let mut weights = vec![1.0_f32; bands];
-        if scatter.sample(form, (x, y), s_i, [u[4], u[5], u[6]], &mut weights).is_some() {
-            sum.iter_mut().zip(&weights).for_each(|(s, w)| *s += f64::from(*w));
-        }
-    }
-    sum.iter().map(|s| s / draws as f64).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
@@ -442,6 +413,35 @@ mod tests {
                 Spectrum { low_hz: f * FRAC_1_SQRT_2, high_hz: f * SQRT_2, speed_m_s: 343.0 }
             })
             .collect()
+    }
+
+    /// Mean over the hemisphere of the share of a diffuse field's power that an opening lets through: its transmission
+    /// coefficient for diffuse incidence.
+    fn diffuse_transmission(scatter: &PortalScatter, form: Form, draws: usize) -> Vec<f64> {
+        let bands = scatter.bands.len();
+        // A Kronecker sequence over place, incidence (Lambert) and outgoing direction.
+        let step = [
+            0.819_172_513_396_164_4,
+            0.671_043_606_703_789_1,
+            0.549_700_477_901_970_2,
+            0.450_305_001_312_8,
+            0.368_883_0,
+            0.302_184_5,
+            0.247_543_6,
+        ];
+        let mut sum = vec![0.0; bands];
+        for n in 0..draws {
+            let u: [f64; 7] = std::array::from_fn(|i| (0.5 + (n + 1) as f64 * step[i]).fract());
+            let (sin, turn) = (u[2].sqrt(), TAU * u[3]);
+            let s_i = DVec3::new(sin * turn.cos(), sin * turn.sin(), (1.0 - u[2]).sqrt());
+            let x = scatter.x_m[0] + u[0] * (scatter.x_m[1] - scatter.x_m[0]);
+            let y = scatter.y_m[0] + u[1] * (scatter.y_m[1] - scatter.y_m[0]);
+            let mut weights = vec![1.0_f32; bands];
+            if scatter.sample(form, (x, y), s_i, [u[4], u[5], u[6]], &mut weights).is_some() {
+                sum.iter_mut().zip(&weights).for_each(|(s, w)| *s += f64::from(*w));
+            }
+        }
+        sum.iter().map(|s| s / draws as f64).collect()
     }
 
     #[test]

@@ -81,26 +81,6 @@ pub fn edge_distance(x: f64, interval: [f64; 2]) -> f64 {
     (x - interval[0]).min(interval[1] - x)
 }
 
-/// Upper bound of the absolute mass of the band-mean weight over Delta at a distance of `l_m` from an edge: how much a
-/// sampled ray's weight can grow in a crossing. 1.44 for an octave at any distance.
-pub fn absolute_mass(spectrum: &Spectrum, l_m: f64) -> f64 {
-    // Substitute u = kappa f_c: the integrand depends on u alone, up to the range |Delta| <= 2.
-    let centre = 0.5 * (spectrum.low_hz + spectrum.high_hz);
-    let ratio = 0.5 * (spectrum.high_hz - spectrum.low_hz) / centre;
-    let range = 8.0 * PI * l_m * centre / spectrum.speed_m_s;
-    let step = 0.02;
-    let n = (range / step).ceil().min(200_000.0);
-    let step = range / n;
-    (0..n as usize)
-        .map(|i| {
-            let u = (i as f64 + 0.5) * step;
-            (u.sin() / u * sinc(ratio * u)).abs() * step
-        })
-        .sum::<f64>()
-        * 2.0
-        / PI
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -138,6 +118,26 @@ mod tests {
         let tone = Spectrum::tone(1000.0, 343.0);
         assert!((narrow.weight(0.4, 0.3) - tone.weight(0.4, 0.3)).abs() < 1e-6);
         assert!((narrow.mean_wavelength_cos_m(0.2) - tone.mean_wavelength_cos_m(0.2)).abs() < 1e-6);
+    }
+
+    /// Upper bound of the absolute mass of the band-mean weight over Delta at a distance of `l_m` from an edge: how much a
+    /// sampled ray's weight can grow in a crossing. 1.44 for an octave at any distance.
+    fn absolute_mass(spectrum: &Spectrum, l_m: f64) -> f64 {
+        // Substitute u = kappa f_c: the integrand depends on u alone, up to the range |Delta| <= 2.
+        let centre = 0.5 * (spectrum.low_hz + spectrum.high_hz);
+        let ratio = 0.5 * (spectrum.high_hz - spectrum.low_hz) / centre;
+        let range = 8.0 * PI * l_m * centre / spectrum.speed_m_s;
+        let step = 0.02;
+        let n = (range / step).ceil().min(200_000.0);
+        let step = range / n;
+        (0..n as usize)
+            .map(|i| {
+                let u = (i as f64 + 0.5) * step;
+                (u.sin() / u * sinc(ratio * u)).abs() * step
+            })
+            .sum::<f64>()
+            * 2.0
+            / PI
     }
 
     #[test]
