@@ -12,6 +12,7 @@ use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::mask::Mask;
 use crate::wbsdf::rectangle::Sides;
 use crate::wbsdf::slit::Form;
+use crate::wbsdf::thick::is_thick;
 
 /// How an opening is modelled in a band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -25,6 +26,8 @@ pub enum PortalModel {
     Opening,
     /// Narrow in one direction at least: exact aperture there.
     NarrowOpening,
+    /// A gap whose depth counts, of any width: mode matching.
+    DeepGap,
     /// Nothing passes (but for the leaf's transmission).
     Closed,
 }
@@ -37,6 +40,7 @@ impl PortalModel {
             Self::Edge => "edge",
             Self::Opening => "opening",
             Self::NarrowOpening => "narrow opening",
+            Self::DeepGap => "deep gap",
             Self::Closed => "closed",
         }
     }
@@ -221,6 +225,8 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
         .map(|opening| {
             let (width_m, height_m) = (finite(opening.open_x_m), finite(opening.y_m));
             let side = [width_m, height_m].into_iter().flatten().reduce(f64::min);
+            let depth_m = scene.gap_depth_m(opening);
+            let deep = side.is_some_and(|side| is_thick(side, depth_m));
             let model = |spectrum: &Spectrum| {
                 if opening.is_closed() {
                     PortalModel::Closed
@@ -229,6 +235,7 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
                 } else if opening.is_slit() {
                     match (width_m, Form::of(&Mask::new(&[opening.open_x_m]), spectrum)) {
                         (None, _) => PortalModel::Edge,
+                        _ if deep && scene.simulation.transport == Transport::Wbsdf => PortalModel::DeepGap,
                         (_, Form::Exact) if scene.simulation.transport == Transport::Wbsdf => {
                             PortalModel::NarrowOpening
                         }
@@ -240,6 +247,7 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
                     match sides {
                         Sides::WideBoth | Sides::Paraxial => PortalModel::Opening,
                         _ if scene.simulation.transport == Transport::Paraxial => PortalModel::Opening,
+                        _ if deep => PortalModel::DeepGap,
                         _ => PortalModel::NarrowOpening,
                     }
                 }
@@ -262,6 +270,10 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
                 "signed rays of the published small-angle form, at any width".to_owned()
             } else if opening.is_slit() && width_m.is_none() {
                 "the exact rigid half-plane".to_owned()
+            } else if deep && opening.is_slit() {
+                format!("mode matching in a gap {depth_m} m deep, resonances included")
+            } else if deep {
+                format!("signed rays where it is wide; where it is narrow, a gap {depth_m} m deep with its resonances")
             } else {
                 "signed rays where it is wide, the exact aperture where it is narrow".to_owned()
             };

@@ -53,7 +53,10 @@ pub fn run(
             let scatter: Vec<PortalScatter> = geometry
                 .portals
                 .iter()
-                .map(|p| PortalScatter::new(p.x_m, p.y_m, &spectra, scene.simulation.transport))
+                .map(|p| {
+                    let depth_m = scene.gap_depth_m(&scene.openings[p.opening]);
+                    PortalScatter::new(p.x_m, p.y_m, depth_m, &spectra, scene.simulation.transport)
+                })
                 .collect();
             times_s.push(("opening tables".to_owned(), tables.elapsed().as_secs_f64()));
             let tracing = Instant::now();

@@ -196,7 +196,7 @@ fn rays_do_not_breed_between_live_rooms_joined_by_a_wide_opening() {
     let mut scene = two_rooms(0.1, 0.0, 0.0, 1);
     add_hole(&mut scene, 0, [1.0, 4.0], [0.0, 2.5]);
     let spectra: Vec<Spectrum> = scene.bands.iter().map(|b| Spectrum::new(b, SPEED)).collect();
-    let real = PortalScatter::new([1.0, 4.0], [0.0, 2.5], &spectra, Transport::Wbsdf);
+    let real = PortalScatter::new([1.0, 4.0], [0.0, 2.5], 0.0, &spectra, Transport::Wbsdf);
     let plan = TracePlan { portal_order: 1, ..plan(&scene, 1.5, 4096) };
     let hits = |hits: u64| hits as f64 / 4096.0;
     let plain = hits(run_with(&scene, &plan, &[Nothing]).hits);

@@ -25,8 +25,8 @@ pub struct Gap {
 }
 
 enum Shape {
-    Slits { mask: Mask, apertures: Vec<OnceLock<BandApertures>> },
-    Rectangle { x_m: [f64; 2], y_m: [f64; 2], bands: Vec<OnceLock<Rectangle>> },
+    Slits { mask: Mask, depth_m: f64, apertures: Vec<OnceLock<BandApertures>> },
+    Rectangle { x_m: [f64; 2], y_m: [f64; 2], depth_m: f64, bands: Vec<OnceLock<Rectangle>> },
 }
 
 /// Places across an opening (shares of its width) where sight of source and probe is tested.
@@ -48,7 +48,8 @@ impl Gap {
     pub fn find(scene: &Scene, geometry: &Geometry) -> Vec<Self> {
         let mut gaps: Vec<Self> = Vec::new();
         for portal in &geometry.portals {
-            let name = &scene.openings[portal.opening].name;
+            let opening = &scene.openings[portal.opening];
+            let (name, depth_m) = (&opening.name, scene.gap_depth_m(opening));
             let skip = Skip { plane: None, group: Some(portal.group) };
             let slit = portal.y_m[0].is_infinite() && portal.y_m[1].is_infinite();
             if slit
@@ -62,10 +63,10 @@ impl Gap {
             }
             let shape = if slit {
                 let apertures = scene.bands.iter().map(|_| OnceLock::new()).collect();
-                Shape::Slits { mask: Mask::new(&[portal.x_m]), apertures }
+                Shape::Slits { mask: Mask::new(&[portal.x_m]), depth_m, apertures }
             } else {
                 let bands = scene.bands.iter().map(|_| OnceLock::new()).collect();
-                Shape::Rectangle { x_m: portal.x_m, y_m: portal.y_m, bands }
+                Shape::Rectangle { x_m: portal.x_m, y_m: portal.y_m, depth_m, bands }
             };
             gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip });
         }
@@ -75,12 +76,18 @@ impl Gap {
     /// All paths from the source's images to the probe's images through this gap with at most `order` reflections.
     pub(super) fn paths(&self, pair: &Pair<'_>) -> Vec<EarlyPath> {
         match &self.shape {
-            Shape::Slits { mask, apertures } => self.slit_paths(pair, mask, apertures),
-            Shape::Rectangle { x_m, y_m, bands } => self.rectangle_paths(pair, *x_m, *y_m, bands),
+            Shape::Slits { mask, depth_m, apertures } => self.slit_paths(pair, mask, *depth_m, apertures),
+            Shape::Rectangle { x_m, y_m, depth_m, bands } => self.rectangle_paths(pair, (*x_m, *y_m, *depth_m), bands),
         }
     }
 
-    fn slit_paths(&self, pair: &Pair<'_>, mask: &Mask, apertures: &[OnceLock<BandApertures>]) -> Vec<EarlyPath> {
+    fn slit_paths(
+        &self,
+        pair: &Pair<'_>,
+        mask: &Mask,
+        depth_m: f64,
+        apertures: &[OnceLock<BandApertures>],
+    ) -> Vec<EarlyPath> {
         let &Pair { scene, geometry, spectra, kind, source, probe, order } = pair;
         let mut paths = Vec::new();
         for (s, from) in source.images.iter().enumerate() {
@@ -103,11 +110,11 @@ impl Gap {
                 for (band, spectrum) in spectra.iter().enumerate() {
                     let solved = || {
                         let across = slit::sin_beta(mask, &crossing) == 1.0;
-                        across.then(|| apertures[band].get_or_init(|| BandApertures::new(mask, spectrum, 1.0)))
+                        across.then(|| apertures[band].get_or_init(|| BandApertures::new(mask, depth_m, spectrum, 1.0)))
                     };
                     let sum = match scene.simulation.transport {
                         Transport::Paraxial => slit::paraxial_intensity(mask, &crossing, spectrum, TOLERANCE),
-                        _ => slit::intensity(mask, &crossing, spectrum, solved, TOLERANCE),
+                        _ => slit::intensity(mask, depth_m, &crossing, spectrum, solved, TOLERANCE),
                     };
                     let air = (-scene.air.attenuation_per_m[band] * length).exp();
                     let factor = share * loss[band] * air;
@@ -189,8 +196,7 @@ impl Gap {
     fn rectangle_paths(
         &self,
         pair: &Pair<'_>,
-        x_m: [f64; 2],
-        y_m: [f64; 2],
+        (x_m, y_m, depth_m): ([f64; 2], [f64; 2], f64),
         bands: &[OnceLock<Rectangle>],
     ) -> Vec<EarlyPath> {
         let &Pair { scene, geometry, spectra, source, probe, order, .. } = pair;
@@ -224,7 +230,7 @@ impl Gap {
                     let cell = ((x_m[1] - x_m[0]) * (y_m[1] - y_m[0])) / 16.0;
                     let share = seen_share(&seen, &places, over, zone.max(cell));
                     let value = if share > 0.0 {
-                        let rectangle = bands[band].get_or_init(|| Rectangle::new(x_m, y_m, spectrum, sides));
+                        let rectangle = bands[band].get_or_init(|| Rectangle::new(x_m, y_m, depth_m, spectrum, sides));
                         rectangle.intensity(from.position, to.position)
                     } else {
                         0.0

@@ -443,3 +443,13 @@ pub struct Scene {
     /// The file's own sweep.
     pub sweep: Option<Sweep>,
 }
+
+impl Scene {
+    /// Depth in m of the gap that `opening` leaves: the thickness of its wall, or of the leaf beside the gap if that is
+    /// given and less. 0 for faces of boxes.
+    pub fn gap_depth_m(&self, opening: &Opening) -> f64 {
+        let Host::Wall(wall) = opening.host else { return 0.0 };
+        let leaf_m = opening.leaf.as_ref().map(|leaf| leaf.thickness_m).filter(|t| *t > 0.0);
+        leaf_m.map_or(self.walls[wall].thickness_m, |t| t.min(self.walls[wall].thickness_m))
+    }
+}

@@ -20,7 +20,7 @@ use num_complex::Complex64;
 
 use super::crossing::{Crossing, Incident};
 
-const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
+pub(super) const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
 /// Distance from the nodes, in node distances, from which the sum over them is accurate (1e-6).
 const RESOLVED: f64 = 2.5;
 /// Most times the nodes are refined for points next to the opening.
@@ -28,7 +28,7 @@ const MOST_FINER: f64 = 64.0;
 const HALF_I: Complex64 = Complex64 { re: 0.0, im: 0.5 };
 
 /// Hankel function of the first kind and order 0 for x > 0.
-fn hankel0(x: f64) -> Complex64 {
+pub(super) fn hankel0(x: f64) -> Complex64 {
     Complex64::new(libm::j0(x), libm::y0(x))
 }
 

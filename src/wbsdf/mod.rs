@@ -9,5 +9,6 @@ pub mod quadrature;
 pub mod rectangle;
 pub mod scatter;
 pub mod slit;
+pub mod thick;
 pub mod wedge;
 pub mod weight;

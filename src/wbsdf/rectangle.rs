@@ -10,15 +10,19 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
+use num_complex::Complex64;
 
 use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::mask::Jambs;
 use super::quadrature::{PHASE_PER_PANEL, panel_nodes};
-use super::slit::gauss_nodes;
+use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
+use super::thick::{ThickAperture, is_thick};
 
 /// k times width up to which a side is solved exactly.
 const NARROW_SIDE_KA: f64 = 12.0;
+/// k times width between which the depth of the gap along the narrower side loses its weight.
+const DEEP_KA: [f64; 2] = [6.0, NARROW_SIDE_KA];
 /// k times width of both sides up to which the opening is a small hole.
 const SMALL_HOLE_KA: f64 = 3.0;
 
@@ -67,13 +71,40 @@ pub struct Rectangle {
     /// Wave numbers and weights where a side is solved exactly.
     nodes: Vec<(f64, f64)>,
     /// Factorised sides at the nodes; empty for wide ones.
-    across_x: Vec<Aperture>,
-    across_y: Vec<Aperture>,
+    across_x: Vec<ExactSide>,
+    across_y: Vec<ExactSide>,
+    /// What the depth of a small hole leaves of its transmission.
+    tube: f64,
+}
+
+/// A narrow side at one wave number: the share of the gap with its depth, and without.
+struct ExactSide {
+    deep: Option<(f64, ThickAperture)>,
+    thin: Aperture,
+}
+
+impl ExactSide {
+    fn new(limits: [f64; 2], thickness_m: f64, k: f64) -> Self {
+        let width = limits[1] - limits[0];
+        let share = if is_thick(width, thickness_m) { fade(k * width, DEEP_KA) } else { 0.0 };
+        let deep = (share > 0.0).then(|| (share, ThickAperture::new(&[limits], thickness_m, k)));
+        Self { deep, thin: Aperture::new(&[limits], k) }
+    }
+
+    fn transfer(&self, crossing: &Crossing) -> f64 {
+        match &self.deep {
+            Some((share, deep)) if *share == 1.0 => deep.transfer(crossing),
+            Some((share, deep)) => share * deep.transfer(crossing) + (1.0 - share) * self.thin.transfer(crossing),
+            None => self.thin.transfer(crossing),
+        }
+    }
 }
 
 impl Rectangle {
-    /// Prepares the opening `x_m` by `y_m` (limits along its sides in m) for the band.
-    pub fn new(x_m: [f64; 2], y_m: [f64; 2], spectrum: &Spectrum, sides: Sides) -> Self {
+    /// Prepares the opening `x_m` by `y_m` (limits along its sides in m) through a wall of `thickness_m` for the band.
+    ///
+    /// Its depth counts across the narrower side only, where it makes a resonating gap; that of a wide opening is left out.
+    pub fn new(x_m: [f64; 2], y_m: [f64; 2], thickness_m: f64, spectrum: &Spectrum, sides: Sides) -> Self {
         let (low, high) = (spectrum.low_k(), spectrum.high_k());
         let (narrow_x, narrow_y) = match sides {
             Sides::NarrowBoth => (true, true),
@@ -81,18 +112,25 @@ impl Rectangle {
             Sides::NarrowY => (false, true),
             Sides::WideBoth | Sides::SmallHole | Sides::Paraxial => (false, false),
         };
+        let (width, height) = (x_m[1] - x_m[0], y_m[1] - y_m[0]);
+        let depth = if width <= height { [thickness_m, 0.0] } else { [0.0, thickness_m] };
         let mut nodes = Vec::new();
         if narrow_x || narrow_y {
             // |p|^2 varies over the band like cos(k d), d at most twice the diagonal (see slit.rs).
-            let diagonal = (x_m[1] - x_m[0]).hypot(y_m[1] - y_m[0]);
-            let count = if high > low { 4 + (0.7 * (high - low) * diagonal).ceil() as usize } else { 1 };
+            let diagonal = width.hypot(height);
+            // A side that is solved exactly is the narrower one, or both are.
+            let resonances = resonant(&[if width <= height { x_m } else { y_m }], thickness_m, low, high);
+            let smooth = 0.7 * (high - low) * (diagonal + thickness_m) + resonances;
+            let count = if high > low { 4 + (smooth.ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
             nodes = gauss_nodes(low, high, count).collect();
         }
-        let solve = |narrow: bool, limits: [f64; 2]| -> Vec<Aperture> {
-            nodes.iter().filter(|_| narrow).map(|(k, _)| Aperture::new(&[limits], *k)).collect()
+        let solve = |narrow: bool, limits: [f64; 2], depth: f64| -> Vec<ExactSide> {
+            nodes.iter().filter(|_| narrow).map(|(k, _)| ExactSide::new(limits, depth, *k)).collect()
         };
-        let (across_x, across_y) = (solve(narrow_x, x_m), solve(narrow_y, y_m));
-        Self { x_m, y_m, spectrum: *spectrum, sides, nodes, across_x, across_y }
+        let (across_x, across_y) = (solve(narrow_x, x_m, depth[0]), solve(narrow_y, y_m, depth[1]));
+        let tube =
+            if sides == Sides::SmallHole { tube_transmission(width, height, thickness_m, spectrum) } else { 1.0 };
+        Self { x_m, y_m, spectrum: *spectrum, sides, nodes, across_x, across_y, tube }
     }
 
     /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
@@ -102,7 +140,7 @@ impl Rectangle {
         let (source, receiver) = facing(source, receiver);
         let (x_m, y_m, spectrum) = (self.x_m, self.y_m, &self.spectrum);
         if self.sides == Sides::SmallHole {
-            return small_hole(x_m, y_m, source, receiver, spectrum);
+            return self.tube * small_hole(x_m, y_m, source, receiver, spectrum);
         }
         let Some(over) = shortest_over(source, receiver, x_m, y_m) else { return 0.0 };
         let (into, out) = (over - source, receiver - over);
@@ -125,12 +163,12 @@ impl Rectangle {
             let along_y = y.samples(spectrum, jambs).on(&grid);
             return along_x.iter().zip(&along_y).map(|(a, b)| a * b).sum::<f64>() / count as f64 * spread;
         }
-        let transfers = |side: &Side, solved: &[Aperture]| -> Vec<f64> {
+        let transfers = |side: &Side, solved: &[ExactSide]| -> Vec<f64> {
             if solved.is_empty() {
                 let samples = side.samples(spectrum, jambs);
                 return self.nodes.iter().map(|(k, _)| samples.at(*k)).collect();
             }
-            let exact = |a: &Aperture| a.transfer(&side.crossing);
+            let exact = |solved: &ExactSide| solved.transfer(&side.crossing);
             solved.iter().map(exact).collect()
         };
         let (along_x, along_y) = (transfers(&x, &self.across_x), transfers(&y, &self.across_y));
@@ -198,6 +236,23 @@ pub fn small_hole_transmission(width_m: f64, height_m: f64, k: f64) -> f64 {
         (a, g) = (0.5 * (a + g), f64::sqrt(a * g));
     }
     hole_transmission(k * (width_m * height_m / PI).sqrt()) * a * a / ratio
+}
+
+/// What a depth of `thickness_m` leaves of a small hole's transmission, band mean: a tube between its two mouths.
+///
+/// A mouth has half the hole's resistance to flow, 1/(2 K), and radiates like a monopole on a baffle; K is the conductivity
+/// that belongs to [`small_hole_transmission`]. As k -> 0 this is K/(1 + K h/A) in place of K (Rayleigh 1897).
+pub fn tube_transmission(width_m: f64, height_m: f64, thickness_m: f64, spectrum: &Spectrum) -> f64 {
+    let (low, high, area) = (spectrum.low_k(), spectrum.high_k(), width_m * height_m);
+    let count = if high > low { 16 } else { 1 };
+    let at = |k: f64| {
+        let conductivity = (small_hole_transmission(width_m, height_m, k) * area * 0.5 * PI).sqrt();
+        let mouth = Complex64::new(0.5 / conductivity, k / TAU);
+        let (sin, cos) = (k * thickness_m).sin_cos();
+        let deep = 2.0 * mouth * cos + sin / (k * area) - mouth * mouth * k * area * sin;
+        (2.0 * mouth).norm_sqr() / deep.norm_sqr()
+    };
+    gauss_nodes(low, high, count).map(|(k, weight)| weight * at(k)).sum()
 }
 
 /// A hole much smaller than the wavelength: a monopole on the far side, whatever the incidence.

@@ -10,6 +10,7 @@ use super::crossing::{Crossing, Incident, Spectrum};
 use super::edge::AboutEdge;
 use super::mask::{Jambs, Mask};
 use super::quadrature::RaySum;
+use super::thick::{ThickAperture, is_thick};
 use super::wedge::{Wave, WedgeField, coherent};
 
 /// How an opening is modelled in one band.
@@ -74,7 +75,7 @@ pub fn exact_share(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum) -> f64
 }
 
 /// 1 up to `range[0]`, 0 from `range[1]` on, smooth between.
-fn fade(x: f64, range: [f64; 2]) -> f64 {
+pub(super) fn fade(x: f64, range: [f64; 2]) -> f64 {
     let t = ((x - range[0]) / (range[1] - range[0])).clamp(0.0, 1.0);
     1.0 - t * t * (3.0 - 2.0 * t)
 }
@@ -120,6 +121,13 @@ fn narrowest_ka(mask: &Mask, spectrum: &Spectrum) -> f64 {
     mask.openings().iter().map(|o| k * (o[1] - o[0])).fold(f64::INFINITY, f64::min)
 }
 
+/// Whether the thickness of the wall counts for the narrowest of the mask's openings.
+pub fn depth_counts(mask: &Mask, thickness_m: f64) -> bool {
+    let finite = !mask.openings().iter().flatten().any(|x| x.is_infinite());
+    let narrowest = mask.openings().iter().map(|o| o[1] - o[0]).fold(f64::INFINITY, f64::min);
+    finite && is_thick(narrowest, thickness_m)
+}
+
 /// Length in m, across the edges, of the shortest way through the mask.
 fn over_m(mask: &Mask, crossing: &Crossing) -> f64 {
     let straight = crossing.straight_x_m();
@@ -141,19 +149,34 @@ pub fn sin_beta(mask: &Mask, crossing: &Crossing) -> f64 {
 /// Factorised apertures at the Gauss nodes of a band: made once an opening and band, used for every pair with the same
 /// angle beta between ray and edge.
 pub struct BandApertures {
-    nodes: Vec<(f64, Aperture)>,
+    nodes: Vec<(f64, Solver)>,
 }
 
+enum Solver {
+    Thin(Aperture),
+    Thick(Box<ThickAperture>),
+}
+
+/// Most frequencies a band for the resonances of a deep gap.
+pub(super) const MOST_FREQUENCIES: usize = 256;
+
 impl BandApertures {
-    /// `sin_beta`: sine of the angle between the rays and the edges.
-    pub fn new(mask: &Mask, spectrum: &Spectrum, sin_beta: f64) -> Self {
+    /// `thickness_m`: of the wall; `sin_beta`: sine of the angle between the rays and the edges.
+    pub fn new(mask: &Mask, thickness_m: f64, spectrum: &Spectrum, sin_beta: f64) -> Self {
         let openings = mask.openings();
         let span = openings.last().map_or(0.0, |o| o[1]) - openings.first().map_or(0.0, |o| o[0]);
         let (low, high) = (spectrum.low_k() * sin_beta, spectrum.high_k() * sin_beta);
         // |p|^2 varies over the band like cos(k d), d at most twice the span: Gauss nodes converge exponentially beyond
         // half that phase.
-        let count = if high > low { 4 + (0.7 * (high - low) * span).ceil() as usize } else { 1 };
-        let nodes = gauss_nodes(low, high, count).map(|(k, weight)| (weight, Aperture::new(openings, k))).collect();
+        let smooth = 0.7 * (high - low) * (span + thickness_m);
+        let count =
+            if high > low { 4 + (smooth + resonant(openings, thickness_m, low, high)).ceil() as usize } else { 1 };
+        let solver = |k: f64| match depth_counts(mask, thickness_m) {
+            true => Solver::Thick(Box::new(ThickAperture::new(openings, thickness_m, k))),
+            false => Solver::Thin(Aperture::new(openings, k)),
+        };
+        let nodes =
+            gauss_nodes(low, high, count.min(MOST_FREQUENCIES)).map(|(k, weight)| (weight, solver(k))).collect();
         Self { nodes }
     }
 
@@ -168,10 +191,32 @@ impl BandApertures {
             }
             _ => crossing.free_intensity(),
         };
-        let mean: f64 = self.nodes.iter().map(|(weight, aperture)| weight * aperture.transfer(crossing)).sum();
+        let mean: f64 = self.nodes.iter().map(|(weight, solver)| weight * solver.transfer(crossing)).sum();
         let value = mean * spread;
         RaySum { value, error: 1e-5 * value, absolute: value, rays: self.nodes.len() }
     }
+}
+
+impl Solver {
+    fn transfer(&self, crossing: &Crossing) -> f64 {
+        match self {
+            Self::Thin(aperture) => aperture.transfer(crossing),
+            Self::Thick(aperture) => aperture.transfer(crossing),
+        }
+    }
+}
+
+/// Frequencies that the resonances of gaps of `thickness_m` ask for between the wave numbers `low` and `high`.
+///
+/// A mouth sends back 1 - k a of a wave in the gap, so that a resonance is k a / h wide (in k); Gauss nodes find it to 1 %
+/// from three a width on.
+pub(super) fn resonant(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: f64) -> f64 {
+    if high * thickness_m < 1.5 {
+        return 0.0;
+    }
+    let first = low.max(0.5 * std::f64::consts::PI / thickness_m);
+    let narrowest = openings.iter().map(|o| o[1] - o[0]).fold(f64::INFINITY, f64::min);
+    3.0 * (high - low) * thickness_m / (first * narrowest).min(1.5)
 }
 
 /// Gauss-Legendre nodes on [low, high] with weights that sum to 1.
@@ -184,10 +229,12 @@ pub(super) fn gauss_nodes(low: f64, high: f64, count: usize) -> impl Iterator<It
 
 /// Intensity behind infinitely long openings relative to the source's free field at 1 m.
 ///
-/// `solved`: the factorised apertures of this band, if they fit [`sin_beta`]. `tolerance`: relative accuracy asked of
+/// `thickness_m`: of the wall, in the middle of which the plane of `crossing` lies. `solved`: the factorised apertures of
+/// this band, if they fit [`sin_beta`]. `tolerance`: relative accuracy asked of
 /// the quadrature.
 pub fn intensity<'a>(
     mask: &Mask,
+    thickness_m: f64,
     crossing: &Crossing,
     spectrum: &Spectrum,
     solved: impl FnOnce() -> Option<&'a BandApertures>,
@@ -198,9 +245,9 @@ pub fn intensity<'a>(
     }
     let exact = || match solved() {
         Some(apertures) => apertures.intensity(mask, crossing),
-        None => BandApertures::new(mask, spectrum, sin_beta(mask, crossing)).intensity(mask, crossing),
+        None => BandApertures::new(mask, thickness_m, spectrum, sin_beta(mask, crossing)).intensity(mask, crossing),
     };
-    let share = exact_share(mask, crossing, spectrum);
+    let share = if depth_counts(mask, thickness_m) { 1.0 } else { exact_share(mask, crossing, spectrum) };
     if share == 1.0 {
         return exact();
     }
