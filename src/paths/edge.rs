@@ -52,6 +52,24 @@ fn place(edge: &Edge, p: DVec3) -> Place {
     Place { r_m: a.hypot(n), phi: n.atan2(a).rem_euclid(TAU), along_m: d.dot(edge.direction) }
 }
 
+/// Sum of the cosines by which the way over the edge is longer than that of the image in face A or B, whichever is less: 1 + cos
+/// of the angle between image and receiver. Near 0 about a reflection boundary, on either side of it.
+fn beside_reflection(edge: &Edge, from: &Place, to: &Place) -> f64 {
+    let sum = from.phi + to.phi;
+    [sum, 2.0 * edge.exterior_angle - sum].map(|angle| 1.0 + angle.cos()).into_iter().fold(2.0, f64::min)
+}
+
+/// By how much in m the way `over_m` over the edge is longer than that of the source's image in a face, `along_m` apart along
+/// the edge.
+fn image_detour_m(edge: &Edge, from: &Place, to: &Place, over_m: f64, along_m: f64) -> f64 {
+    let beside = beside_reflection(edge, from, to);
+    if from.r_m.is_infinite() {
+        return to.r_m * beside;
+    }
+    let across = (from.r_m + to.r_m).powi(2) - 2.0 * from.r_m * to.r_m * beside;
+    over_m - across.max(0.0).sqrt().hypot(along_m)
+}
+
 /// The angle of a plane wave's origin about the edge.
 fn angle_of(edge: &Edge, direction: DVec3) -> f64 {
     (-direction.dot(edge.normal_a)).atan2(-direction.dot(edge.face_a)).rem_euclid(TAU)
@@ -73,8 +91,10 @@ pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
                     let receiver = place(edge, probe.position_m);
                     let fresnel = match source.kind {
                         SourceKind::Plane(d) => {
-                            let span = (receiver.phi - angle_of(edge, d)).abs();
-                            if span >= PI { 0.0 } else { 2.0 * receiver.r_m * (1.0 + span.cos()) / longest }
+                            let from = Place { r_m: f64::INFINITY, phi: angle_of(edge, d), along_m: 0.0 };
+                            let span = (receiver.phi - from.phi).abs();
+                            let image = image_detour_m(edge, &from, &receiver, 0.0, 0.0);
+                            if span >= PI { 0.0 } else { 2.0 * image.min(receiver.r_m * (1.0 + span.cos())) / longest }
                         }
                         _ => {
                             let from = place(edge, source.position_m);
@@ -83,7 +103,8 @@ pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
                             } else {
                                 let along = receiver.along_m - from.along_m;
                                 let over = (from.r_m + receiver.r_m).hypot(along);
-                                2.0 * (over - (probe.position_m - source.position_m).length()) / longest
+                                let direct = over - (probe.position_m - source.position_m).length();
+                                2.0 * direct.min(image_detour_m(edge, &from, &receiver, over, along)) / longest
                             }
                         }
                     };
@@ -218,7 +239,10 @@ impl Over<'_> {
         if !shadow && !lit {
             return None;
         }
-        let fresnel = |f: f64| 2.0 * (length - straight).max(0.0) * f / self.scene.air.speed_of_sound_m_s;
+        // The edge is felt near its shadow boundary and near the reflection boundaries of its faces.
+        let apart = if two_dimensional { 0.0 } else { to.along_m - from.along_m };
+        let detour = (length - straight).min(image_detour_m(edge, &from, &to, length, apart)).max(0.0);
+        let fresnel = |f: f64| 2.0 * detour * f / self.scene.air.speed_of_sound_m_s;
         if !shadow && fresnel(self.spectra.first()?.low_hz) > FELT_FRESNEL {
             return None;
         }
@@ -302,7 +326,8 @@ impl Over<'_> {
         }
         let (field, across) = self.field(from, to, spectrum);
         match share {
-            _ if !field.reflects() => field.mean(&across, coherent) - free,
+            // On the boundary itself rounding may have found a reflection: its power is in the coherent field.
+            _ if !field.reflects() => field.mean(&across, coherent) - free - share.unwrap_or(0.0),
             None => field.mean(&across, |parts| parts.incident.norm_sqr()) - free,
             Some(share) => {
                 // Direct and reflected sound add as energies, but as pressures near the reflection boundary, where the

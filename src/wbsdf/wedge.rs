@@ -80,7 +80,8 @@ impl WedgeField {
         let phases = [PI - difference, PI + difference, PI - sum, PI + sum];
         let halves = phases.map(|phi| (0.5 * nu * phi).sin());
         // On a boundary its own pair is half of the undisturbed wave and nothing else.
-        let felt = phases.map(|phi| phi.abs() > ON_BOUNDARY);
+        // Boundaries of the far face stand at 2 theta_w, where the sine vanishes too.
+        let felt = halves.map(|half| 2.0 * half.abs() / nu > ON_BOUNDARY);
         let nearest = (0..4).filter(|n| felt[*n]).fold(1.0_f64, |a, n| a.min(halves[n].abs() / nu));
         let scale = (2.0 / first).sqrt();
         let start = FIRST * (nearest * scale).min(1.0 / spectrum.high_k().sqrt());
