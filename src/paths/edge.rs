@@ -85,34 +85,43 @@ pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
         .edges
         .iter()
         .map(|edge| {
-            let mut least = f64::INFINITY;
+            let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
             for source in &scene.sources {
                 for probe in &scene.probes {
                     let receiver = place(edge, probe.position_m);
-                    let fresnel = match source.kind {
+                    // Detours of the way over the edge against the direct one and that of the image in a face, and how
+                    // much weaker the image is.
+                    let (direct, image, weaker) = match source.kind {
                         SourceKind::Plane(d) => {
                             let from = Place { r_m: f64::INFINITY, phi: angle_of(edge, d), along_m: 0.0 };
                             let span = (receiver.phi - from.phi).abs();
-                            let image = image_detour_m(edge, &from, &receiver, 0.0, 0.0);
-                            if span >= PI { 0.0 } else { 2.0 * image.min(receiver.r_m * (1.0 + span.cos())) / longest }
+                            let direct = if span >= PI { 0.0 } else { receiver.r_m * (1.0 + span.cos()) };
+                            (direct, image_detour_m(edge, &from, &receiver, 0.0, 0.0), 1.0)
                         }
                         _ => {
                             let from = place(edge, source.position_m);
-                            if (receiver.phi - from.phi).abs() >= PI {
-                                0.0
-                            } else {
-                                let along = receiver.along_m - from.along_m;
-                                let over = (from.r_m + receiver.r_m).hypot(along);
-                                let direct = over - (probe.position_m - source.position_m).length();
-                                2.0 * direct.min(image_detour_m(edge, &from, &receiver, over, along)) / longest
-                            }
+                            let along = receiver.along_m - from.along_m;
+                            let over = (from.r_m + receiver.r_m).hypot(along);
+                            let straight = (probe.position_m - source.position_m).length();
+                            let shadow = (receiver.phi - from.phi).abs() >= PI;
+                            let keller = from.along_m + along * from.r_m / (from.r_m + receiver.r_m);
+                            let within = source.kind != SourceKind::Point || (0.0..=edge.length_m).contains(&keller);
+                            let image = image_detour_m(edge, &from, &receiver, over, along);
+                            (
+                                if shadow { 0.0 } else { over - straight },
+                                if within { image } else { f64::INFINITY },
+                                straight / (over - image),
+                            )
                         }
                     };
-                    least = least.min(fresnel);
+                    let fresnel = [direct, image].map(|detour| 2.0 * detour / longest);
+                    least = least.min(fresnel[0]).min(fresnel[1]);
+                    // Keller's far field against the direct sound: 1/(2 pi sqrt(N)) in amplitude at most.
+                    let keller = fresnel.map(|n| 1.0 / (TAU * n.max(1e-6).sqrt()));
+                    most = most.max(keller[0] + if image.is_finite() { weaker * keller[1] } else { 0.0 });
                 }
             }
-            // Keller's far field against the direct sound: 1/(2 pi sqrt(N)) in amplitude at most.
-            let bound_db = 20.0 * (1.0 + 1.0 / (TAU * least.max(1e-6).sqrt())).log10();
+            let bound_db = 20.0 * (1.0 + most).log10();
             EdgeReach { name: edge.name.clone(), felt: modelled && least < FELT_FRESNEL, bound_db }
         })
         .collect()

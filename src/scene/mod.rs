@@ -383,7 +383,7 @@ pub struct Simulation {
     pub max_time_s: f64,
     /// Deterministic specular reflections.
     pub reflection_order: usize,
-    /// Diffractions in a row on deterministic paths.
+    /// 0: no diffraction; from 1 on a deterministic path bends over one edge or opening.
     pub diffraction_order: usize,
     /// Which edges diffract.
     pub edges: Edges,
