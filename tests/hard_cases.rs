@@ -138,9 +138,9 @@ fn sixteen_kilohertz_over_100_m_and_20_hz_through_a_small_gap_are_finite() {
 
 #[test]
 fn deep_in_the_shadow_of_an_edge_levels_stay_exact() {
-    // 1 cm behind the screen 30 m from its edge, 16 kHz: Keller's far field is exact to a hundredth of a decibel there.
-    let (r_s, r_r) = (30.0, 30.0_f64);
-    let got = behind(&half_plane(), [-r_s, 0.01], &[[-r_r, -0.01]], 16_000.0)[0];
+    // 10 cm behind the screen 300 m from its edge, 16 kHz: Keller's far field is exact to a hundredth of a decibel there.
+    let (r_s, r_r) = (300.0, 300.0_f64);
+    let got = behind(&half_plane(), [-r_s, 0.1], &[[-r_r, -0.1]], 16_000.0)[0];
     let (mut sum, n) = (0.0, 512);
     for i in 0..n {
         let f = 16_000.0 * (0.5_f64.sqrt() + (f64::from(i) + 0.5) / f64::from(n) * 0.5_f64.sqrt());
@@ -149,7 +149,7 @@ fn deep_in_the_shadow_of_an_edge_levels_stay_exact() {
         sum += 4.0 / (8.0 * std::f64::consts::PI * k) / (r_s * r_r) / f64::from(n);
     }
     let keller = 10.0 * sum.log10();
-    assert!(keller < -60.0 && (got - keller).abs() < 0.05, "{got} {keller}");
+    assert!(keller < -80.0 && (got - keller).abs() < 0.05, "{got} {keller}");
 }
 
 #[test]

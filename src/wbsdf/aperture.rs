@@ -113,20 +113,28 @@ impl Aperture {
     pub fn transfer(&self, crossing: &Crossing) -> f64 {
         match crossing.incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
-                let free = 0.25 * hankel0(self.k * (crossing.x_m - x_m).hypot(crossing.z_m + z_m)).norm();
-                // Source and receiver may change places: the farther one is the smoother incident field.
-                let (far, near) = match z_m < crossing.z_m {
-                    true => ((crossing.x_m, crossing.z_m), (x_m, z_m)),
-                    false => ((x_m, z_m), (crossing.x_m, crossing.z_m)),
-                };
-                let solution = self.solve_for(&Incident::Line { x_m: far.0, z_m: far.1 });
-                (solution.pressure(near.0, near.1).norm() / free).powi(2)
+                line_transfer(self.k, (x_m, z_m), (crossing.x_m, crossing.z_m), |far, near| {
+                    self.solve_for(&Incident::Line { x_m: far.0, z_m: far.1 }).pressure(near.0, near.1)
+                })
             }
             Incident::Plane { .. } => {
                 self.solve_for(&crossing.incident).pressure(crossing.x_m, crossing.z_m).norm_sqr()
             }
         }
     }
+}
+
+/// |p/p_free|^2 of a line source at wave number `k`; both places as (x, distance from the plane) in m. Source and receiver
+/// may change places: `pressure` gets the farther one first, which makes the smoother incident field.
+pub(super) fn line_transfer(
+    k: f64,
+    source: (f64, f64),
+    receiver: (f64, f64),
+    pressure: impl FnOnce((f64, f64), (f64, f64)) -> Complex64,
+) -> f64 {
+    let free = 0.25 * hankel0(k * (receiver.0 - source.0).hypot(receiver.1 + source.1)).norm();
+    let (far, near) = if source.1 < receiver.1 { (receiver, source) } else { (source, receiver) };
+    (pressure(far, near).norm() / free).powi(2)
 }
 
 /// Replaces the naive quadrature of an opening's own block by the one that is exact for its logarithm.

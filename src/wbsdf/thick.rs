@@ -19,7 +19,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use num_complex::Complex64;
 
-use super::aperture::{EULER_GAMMA, hankel0};
+use super::aperture::{EULER_GAMMA, hankel0, line_transfer};
 use super::crossing::{Crossing, Incident};
 
 /// Exponent of the grading: v dx/ds vanishes like s^(2 q/3 - 1) at the jambs.
@@ -148,14 +148,10 @@ impl ThickAperture {
         let depth = 0.5 * self.thickness_m;
         match crossing.incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
-                let free = 0.25 * hankel0(self.k * (crossing.x_m - x_m).hypot(crossing.z_m + z_m)).norm();
-                // Source and receiver may change places: the farther one is the smoother incident field.
-                let (far, near) = match z_m < crossing.z_m {
-                    true => ((crossing.x_m, crossing.z_m), (x_m, z_m)),
-                    false => ((x_m, z_m), (crossing.x_m, crossing.z_m)),
-                };
-                let strengths = self.solve(|x| 0.5 * HALF_I * hankel0(self.k * (x - far.0).hypot(far.1 - depth)));
-                (self.pressure(&strengths, near.0, near.1 - depth).norm() / free).powi(2)
+                line_transfer(self.k, (x_m, z_m), (crossing.x_m, crossing.z_m), |far, near| {
+                    let strengths = self.solve(|x| 0.5 * HALF_I * hankel0(self.k * (x - far.0).hypot(far.1 - depth)));
+                    self.pressure(&strengths, near.0, near.1 - depth)
+                })
             }
             Incident::Plane { s_x, s_y } => {
                 let k_x = self.k * s_x / (1.0 - s_y * s_y).sqrt();
