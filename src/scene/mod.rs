@@ -368,6 +368,10 @@ pub enum Transport {
     Paraxial,
     /// No diffraction.
     Geometric,
+    /// The coherent second opinion: uniform theory of diffraction, pressures added over all paths.
+    Utd,
+    /// The exact solution at many frequencies a band: openings of one unbounded wall only.
+    Exact,
 }
 
 /// Options of a run.
@@ -389,6 +393,8 @@ pub struct Simulation {
     pub edges: Edges,
     /// How diffraction is modelled.
     pub transport: Transport,
+    /// Whether the deterministic paths of a source add as pressures rather than as energies.
+    pub interference: bool,
 }
 
 /// Options of the impulse responses.

@@ -248,8 +248,10 @@ pub struct SimulationTable {
     pub diffraction_order: Option<Spanned<Whole>>,
     /// "auto", "openings" or "off".
     pub edges: Option<Spanned<String>>,
-    /// "wbsdf", "paraxial" or "geometric".
+    /// "wbsdf", "paraxial", "geometric", "utd" or "exact".
     pub transport: Option<Spanned<String>>,
+    /// Whether deterministic paths add as pressures.
+    pub interference: Option<bool>,
 }
 
 /// `[output]`

@@ -136,8 +136,13 @@ fn whole(value: Option<&Spanned<Whole>>, default: u64, name: &str, range: [u64; 
 /// Options of a run.
 pub(super) fn simulation(table: &SimulationTable, at: &Locator<'_>) -> Result<Simulation> {
     const EDGES: [(&str, Edges); 3] = [("auto", Edges::Auto), ("openings", Edges::Openings), ("off", Edges::Off)];
-    const TRANSPORTS: [(&str, Transport); 3] =
-        [("wbsdf", Transport::Wbsdf), ("paraxial", Transport::Paraxial), ("geometric", Transport::Geometric)];
+    const TRANSPORTS: [(&str, Transport); 5] = [
+        ("wbsdf", Transport::Wbsdf),
+        ("paraxial", Transport::Paraxial),
+        ("geometric", Transport::Geometric),
+        ("utd", Transport::Utd),
+        ("exact", Transport::Exact),
+    ];
     let target = Limits::PositiveUpTo(20.0);
     // Orders beyond these limits would never end; the limits keep them far from overflow.
     let reflection_order = whole(table.reflection_order.as_ref(), 3, "reflection_order", [0, 100], at)?;
@@ -158,6 +163,7 @@ pub(super) fn simulation(table: &SimulationTable, at: &Locator<'_>) -> Result<Si
         diffraction_order: diffraction_order as usize,
         edges: choice_or(table.edges.as_ref(), Edges::Auto, "edges", &EDGES, at)?,
         transport: choice_or(table.transport.as_ref(), Transport::Wbsdf, "transport", &TRANSPORTS, at)?,
+        interference: table.interference.unwrap_or(false),
     })
 }
 
