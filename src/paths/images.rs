@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::geometry::{Element, Geometry, Skip};
+use crate::geometry::{Element, Geometry, Plane, Skip};
 use crate::scene::{Directivity, Scene, Source, SourceKind};
 
 /// Where the sound of an image comes from.
@@ -126,6 +126,8 @@ impl ImageTree {
     pub fn arrive(&self, scene: &Scene, geometry: &Geometry, image: usize, from: DVec3, skip: Skip) -> Option<Loss> {
         let mut loss = Loss { factors: vec![1.0; scene.bands.len()], surfaces: Vec::new() };
         let (mut at, mut skip) = (from, skip);
+        // Where the last leg of some length began: of two reflections in a corner the second has none.
+        let mut start = from;
         let mut current = image;
         while let Some(parent) = self.images[current].parent {
             let plane = *self.images[current].planes.last()?;
@@ -142,6 +144,14 @@ impl ImageTree {
                 let material = &scene.materials[geometry.surfaces[id].material];
                 at = hit.point;
                 if hit.plane == plane {
+                    // Sound in the plane itself only grazes it (at an edge it might seem to meet it).
+                    let Plane { point_m, normal, .. } = &geometry.planes()[plane];
+                    if (start - *point_m).dot(*normal).abs() < 1e-9 {
+                        return None;
+                    }
+                    if hit.t > 1e-9 {
+                        start = at;
+                    }
                     for (f, (a, s)) in loss.factors.iter_mut().zip(material.absorption.iter().zip(&material.scattering))
                     {
                         *f *= (1.0 - a) * (1.0 - s);

@@ -76,7 +76,7 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
             let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
             paths.extend(gaps.iter().flat_map(|gap| gap.paths(&pair)));
             let intensity = if scene.adds_pressures() {
-                wave::together(&waves, &spectra, |k| line_scale(&scene.sources[s], scene.probes[p].position_m, k))
+                wave::together(&mut waves, &spectra, |k| line_scale(&scene.sources[s], scene.probes[p].position_m, k))
             } else {
                 (0..spectra.len()).map(|b| paths.iter().map(|p| p.intensity[b]).sum()).collect()
             };

@@ -33,6 +33,9 @@ const LAST: f64 = 28.0;
 /// Angle in radians from a shadow boundary within which half of the undisturbed wave is seen.
 const ON_BOUNDARY: f64 = 1e-9;
 
+/// Share of what an edge sends below which its ends are left out (0.01 dB).
+const FEEBLE: f64 = 1e-3;
+
 /// The kind of wave that meets the wedge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wave {
@@ -90,6 +93,17 @@ pub struct Diffracted {
     pub faces: [Complex64; 2],
 }
 
+impl Branch {
+    /// Sum of the moduli of what the branch sends at wave number `k`.
+    fn amplitude(&self, k: f64) -> f64 {
+        let sum = self.nodes.iter().fold([Complex64::ZERO; 3], |sum, node| {
+            let decay = (-k * node.s_m).exp();
+            [sum[0] + node.incident * decay, sum[1] + node.faces[0] * decay, sum[2] + node.faces[1] * decay]
+        });
+        sum.iter().map(|part| part.norm()).sum()
+    }
+}
+
 /// The quantities of the integrand that do not depend on the branch.
 struct Integrand {
     wave: Wave,
@@ -107,7 +121,8 @@ struct Integrand {
 impl Integrand {
     /// The branch that starts at `eta` >= 0, where the way is `length_m` long; `factor`: of all weights.
     fn branch(&self, eta: f64, length_m: f64, factor: f64, spectrum: &Spectrum) -> Branch {
-        let rising = if self.wave == Wave::Plane { self.rising_per_m } else { self.rising_per_m * length_m / self.over_m };
+        let rising =
+            if self.wave == Wave::Plane { self.rising_per_m } else { self.rising_per_m * length_m / self.over_m };
         let start_half = (0.5 * eta).sinh();
         let scale = (2.0 / rising).sqrt();
         let nearest = (0..4).filter(|n| self.felt[*n]).fold(1.0_f64, |a, n| a.min(self.halves[n].abs() / self.nu));
@@ -119,8 +134,7 @@ impl Integrand {
         for i in 0..=count.max(0.0) as usize {
             let u = start * (STEP * i as f64).exp();
             let s = u * u;
-            let squared_half =
-                start_half * start_half + Complex64::new(-s * s * self.falling_per_m2, s * rising) * 0.5;
+            let squared_half = start_half * start_half + Complex64::new(-s * s * self.falling_per_m2, s * rising) * 0.5;
             let half = squared_half.sqrt();
             let other = (1.0 + squared_half).sqrt();
             let eta = 2.0 * if half.norm() < 1e-3 { half - half.powi(3) / 6.0 } else { (half + other).ln() };
@@ -184,8 +198,7 @@ impl WedgeField {
         // Boundaries of the far face stand at 2 theta_w, where the sine vanishes too.
         let felt = halves.map(|half| 2.0 * half.abs() / nu > ON_BOUNDARY);
         let radii_m = [r, r_s];
-        let integrand =
-            Integrand { wave, nu, over_m, radii_m, phases, halves, felt, rising_per_m, falling_per_m2 };
+        let integrand = Integrand { wave, nu, over_m, radii_m, phases, halves, felt, rising_per_m, falling_per_m2 };
         let mut branches = Vec::with_capacity(3);
         let etas: [f64; 2] = ends_m.map(|z| if z.is_finite() { (z / r_s).asinh() + ((z - dz) / r).asinh() } else { z });
         let over_edge = etas[0] < 0.0 && etas[1] > 0.0;
@@ -198,7 +211,13 @@ impl WedgeField {
                 // What lies beyond the far end is missing; an end on this side of the shortest way is the near limit.
                 let sign = if eta * outwards > 0.0 { -0.5 } else { 0.5 };
                 let length_m = ends_m[end].hypot(r_s) + (ends_m[end] - dz).hypot(r);
-                branches.push(integrand.branch(eta.abs(), length_m, sign, spectrum));
+                let branch = integrand.branch(eta.abs(), length_m, sign, spectrum);
+                // Ends send less the shorter the wave, and less than the edge itself.
+                let k = spectrum.low_k();
+                let feeble = |main: &Branch| branch.amplitude(k) < FEEBLE * main.amplitude(k);
+                if !(over_edge && branches.first().is_some_and(feeble)) {
+                    branches.push(branch);
+                }
             }
         }
         let straight = |angle: f64| match wave {
