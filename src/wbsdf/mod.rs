@@ -10,5 +10,7 @@ pub mod rectangle;
 pub mod scatter;
 pub mod slit;
 pub mod thick;
+pub mod utd;
+pub mod utd_opening;
 pub mod wedge;
 pub mod weight;
