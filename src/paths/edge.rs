@@ -7,7 +7,7 @@
 //! equal at a boundary thus always add as pressures there, and levels are continuous across every shadow and reflection
 //! boundary. Absorbing faces: the terms of a face carry its pressure reflection factor (Luebbers 1984).
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{FRAC_PI_4, PI, TAU};
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -24,7 +24,8 @@ use crate::wbsdf::edge::{self, AboutEdge};
 use crate::wbsdf::mask::{Jambs, Mask};
 use crate::wbsdf::quadrature::RaySum;
 use crate::wbsdf::slit::gauss_nodes;
-use crate::wbsdf::wedge::{self, WedgeField};
+use crate::wbsdf::utd::WedgeRays;
+use crate::wbsdf::wedge::{self, Diffracted, WedgeField};
 
 /// Differences of two ways, in half wavelengths of the lower band edge, between which pressures turn into energies.
 const COHERENT_FRESNEL: [f64; 2] = [2.0, 4.0];
@@ -142,6 +143,10 @@ struct Bend<'a> {
     factors: Vec<f64>,
     /// Pressure reflection factors of the faces, one a band.
     faces: [Vec<f64>; 2],
+    /// The second opinion, where it is asked for: the infinitely long rigid edge.
+    rays: Option<WedgeRays>,
+    /// Whether the source is a line.
+    line: bool,
 }
 
 impl<'a> Ends<'_, 'a> {
@@ -178,7 +183,8 @@ impl<'a> Ends<'_, 'a> {
         let on_edge_m = if two_dimensional { keller_m } else { keller_m.clamp(0.0, edge.length_m) };
         // Beyond an end on a surface the edge's mirror image goes on: that way is one of the image sources.
         let [begin, end] = edge.on_surface;
-        if (begin && keller_m < on_edge_m) || (end && keller_m > on_edge_m) {
+        let utd = scene.simulation.transport == Transport::Utd;
+        if ((utd || begin) && keller_m < on_edge_m) || ((utd || end) && keller_m > on_edge_m) {
             return None;
         }
         let (length_m, straight_m) = match self.from.origin {
@@ -228,7 +234,8 @@ impl<'a> Ends<'_, 'a> {
         };
         let field = WedgeField::between(edge.exterior_angle, about(&from), about(&to), wave, ends_m, &all);
         let faces = [0, 1].map(|face| reflection_factors(scene, geometry, edge, face));
-        Some(Bend { edge, from, to, field, length_m, straight_m, sin_beta, factors, faces })
+        let rays = utd.then(|| WedgeRays::new(edge.exterior_angle, about(&from), about(&to), wave));
+        Some(Bend { edge, from, to, field, length_m, straight_m, sin_beta, factors, faces, rays, line: wave == wedge::Wave::Line })
     }
 }
 
@@ -285,7 +292,17 @@ impl Bend<'_> {
     /// reflection of a face are found (exactly on a boundary rounding decides that); `share`: of the ways over the edge's
     /// ends, by their length.
     fn sent(&self, band: usize, k: f64, lit: bool, reflected: bool, share: impl Fn(f64) -> f64) -> Sent {
-        let d = self.field.diffracted(k * self.sin_beta, share);
+        let d = match &self.rays {
+            None => self.field.diffracted(k * self.sin_beta, share),
+            Some(rays) => {
+                let k = k * self.sin_beta;
+                // The rays of a line source lack the phase of H0.
+                let turn = if self.line { -FRAC_PI_4 } else { 0.0 };
+                let incident =
+                    rays.field(k).diffracted * Complex64::from_polar(1.0, turn - k * self.field.over_m());
+                Diffracted { incident, faces: [Complex64::ZERO; 2] }
+            }
+        };
         let amplitude = self.factors[band].sqrt();
         let turn = self.turned(k * self.sin_beta) * amplitude;
         let mut sent =

@@ -1,18 +1,24 @@
 //! Paths through openings: every pair of a source image and a probe image on either side of one.
 
+use std::f64::consts::FRAC_PI_4;
 use std::sync::OnceLock;
 
 use glam::DVec3;
+use num_complex::Complex64;
 
 use super::Pair;
 use super::images::{ImageTree, Loss, Origin};
+use super::wave::Wave;
 use crate::geometry::{Geometry, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, SourceKind, Transport};
-use crate::wbsdf::crossing::{Crossing, Incident};
+use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::mask::Mask;
+use crate::wbsdf::quadrature::RaySum;
+use crate::wbsdf::referee;
 use crate::wbsdf::rectangle::{Rectangle, Sides, shortest_over};
-use crate::wbsdf::slit::{self, BandApertures};
+use crate::wbsdf::slit::{self, BandApertures, gauss_nodes};
+use crate::wbsdf::utd_opening::OpeningRays;
 
 /// Openings that act as one: a rectangle, or all infinitely long slits of one plane.
 pub struct Gap {
@@ -74,19 +80,22 @@ impl Gap {
     }
 
     /// All paths from the source's images to the probe's images through this gap with at most `order` reflections.
-    pub(super) fn paths(&self, pair: &Pair<'_>) -> Vec<EarlyPath> {
+    ///
+    /// Where pressures are asked for, the same as pressures to `waves`.
+    pub(super) fn paths<'a>(&'a self, pair: &Pair<'a>, waves: &mut Vec<Wave<'a>>) -> Vec<EarlyPath> {
         match &self.shape {
-            Shape::Slits { mask, depth_m, apertures } => self.slit_paths(pair, mask, *depth_m, apertures),
+            Shape::Slits { mask, depth_m, apertures } => self.slit_paths(pair, mask, *depth_m, apertures, waves),
             Shape::Rectangle { x_m, y_m, depth_m, bands } => self.rectangle_paths(pair, (*x_m, *y_m, *depth_m), bands),
         }
     }
 
-    fn slit_paths(
+    fn slit_paths<'a>(
         &self,
-        pair: &Pair<'_>,
-        mask: &Mask,
+        pair: &Pair<'a>,
+        mask: &'a Mask,
         depth_m: f64,
         apertures: &[OnceLock<BandApertures>],
+        waves: &mut Vec<Wave<'a>>,
     ) -> Vec<EarlyPath> {
         let &Pair { scene, geometry, spectra, kind, source, probe, order } = pair;
         let mut paths = Vec::new();
@@ -105,6 +114,7 @@ impl Gap {
                     continue;
                 };
                 let length = shortest(&crossing, mask);
+                let rays = scene.adds_pressures().then(|| OpeningRays::new(mask.openings(), &crossing));
                 let mut intensity = Vec::with_capacity(spectra.len());
                 let mut error = Vec::with_capacity(spectra.len());
                 for (band, spectrum) in spectra.iter().enumerate() {
@@ -114,6 +124,8 @@ impl Gap {
                     };
                     let sum = match scene.simulation.transport {
                         Transport::Paraxial => slit::paraxial_intensity(mask, &crossing, spectrum, TOLERANCE),
+                        Transport::Exact => referee::exact_intensity(mask, depth_m, &crossing, spectrum),
+                        Transport::Utd => rays.as_ref().map_or_else(RaySum::default, |r| utd_mean(r, spectrum)),
                         _ => slit::intensity(mask, depth_m, &crossing, spectrum, solved, TOLERANCE),
                     };
                     let air = (-scene.air.attenuation_per_m[band] * length).exp();
@@ -121,6 +133,7 @@ impl Gap {
                     intensity.push(sum.value.max(0.0) * factor);
                     error.push((sum.error + (-sum.value).max(0.0)) * factor);
                 }
+                waves.extend(rays.map(|rays| self.as_pressure(rays, &intensity, &from.origin, pair, length)));
                 paths.push(EarlyPath {
                     label: self.label(geometry, source, s, probe, p),
                     reflections: from.planes.len() + to.planes.len(),
@@ -131,6 +144,32 @@ impl Gap {
             }
         }
         paths
+    }
+
+    /// The sound through openings as a pressure: the phase is that of the uniform theory of diffraction, the band means of
+    /// |p|^2 are `intensity`.
+    fn as_pressure<'a>(
+        &self,
+        rays: OpeningRays,
+        intensity: &[f64],
+        origin: &Origin,
+        pair: &Pair<'_>,
+        length_m: f64,
+    ) -> Wave<'a> {
+        let scale = |(spectrum, intensity): (&Spectrum, &f64)| {
+            (intensity / utd_mean(&rays, spectrum).value.max(f64::MIN_POSITIVE)).sqrt()
+        };
+        let amplitudes: Vec<f64> = pair.spectra.iter().zip(intensity).map(scale).collect();
+        // Rays count a plane wave's phase from the origin of the opening's frame; those of a line source lack that of H0.
+        let ahead_m = if let Origin::Along(direction) = origin { self.frame.origin_m.dot(*direction) } else { 0.0 };
+        let turn = if let SourceKind::Line(_) = pair.kind { -FRAC_PI_4 } else { 0.0 };
+        Wave {
+            length_m: length_m + ahead_m,
+            wander_m: rays.detour_m(),
+            pressure: Box::new(move |band, k| {
+                rays.pressure(k) * Complex64::from_polar(amplitudes[band], k * ahead_m + turn)
+            }),
+        }
     }
 
     /// The incident wave in the gap's frame and the side it comes from (sign of z).
@@ -272,6 +311,14 @@ impl Gap {
         let parts: Vec<String> = before.chain([self.name.clone()]).chain(after).collect();
         parts.join(", ")
     }
+}
+
+/// Band mean of the intensity by the coherent second opinion, at as many frequencies as it takes for all paths.
+fn utd_mean(rays: &OpeningRays, spectrum: &Spectrum) -> RaySum {
+    let count = if spectrum.high_hz > spectrum.low_hz { super::wave::MANY } else { 1 };
+    let mean = |(k, weight): (f64, f64)| weight * rays.pressure(k).norm_sqr();
+    let value = gauss_nodes(spectrum.low_k(), spectrum.high_k(), count).map(mean).sum();
+    RaySum { value, error: 0.0, absolute: value, rays: count }
 }
 
 /// Length in m of the shortest way through the mask, spherical for point sources.

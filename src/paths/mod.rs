@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::geometry::{Geometry, Skip};
 use crate::probe::EarlyPath;
-use crate::scene::{Scene, Source, SourceKind};
+use crate::scene::{Scene, Source, SourceKind, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::wedge;
 use wave::Wave;
@@ -74,9 +74,12 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
                 edge::add(&pair, &reaches, &mut paths, &mut waves);
             }
             let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
-            paths.extend(gaps.iter().flat_map(|gap| gap.paths(&pair)));
+            for gap in &gaps {
+                paths.extend(gap.paths(&pair, &mut waves));
+            }
             let intensity = if scene.adds_pressures() {
-                wave::together(&mut waves, &spectra, |k| line_scale(&scene.sources[s], scene.probes[p].position_m, k))
+                let fewest = if scene.simulation.transport == Transport::Utd { wave::MANY } else { wave::FEW };
+                wave::together(&mut waves, &spectra, fewest, |k| line_scale(&scene.sources[s], scene.probes[p].position_m, k))
             } else {
                 (0..spectra.len()).map(|b| paths.iter().map(|p| p.intensity[b]).sum()).collect()
             };

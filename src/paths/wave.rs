@@ -8,6 +8,10 @@ use crate::wbsdf::slit::gauss_nodes;
 /// Most frequencies a band. More are needed only where ways differ by hundreds of wavelengths, whose interference the mean
 /// over a band leaves little of.
 const MOST_FREQUENCIES: usize = 4096;
+/// Frequencies a band that resolve the interference about one edge or opening.
+pub(super) const FEW: usize = 8;
+/// Those of the coherent second opinion, which takes every wave at every frequency.
+pub(super) const MANY: usize = 32;
 /// Waves below this share of the strongest one are left out: together with it 0.0002 dB.
 const FEEBLE: f64 = 1e-5;
 /// Radians of phase over a band, between two ways, from which on their interference is forgotten: its mean is below
@@ -32,7 +36,13 @@ pub(super) struct Wave<'a> {
 /// Each wave without the phase of its length is smooth: it is taken at a few Gauss nodes and interpolated to as many
 /// frequencies as the differences of the ways ask for. Between ways that differ by so much that the mean over the band leaves
 /// less than 1/200 of their interference, none is reckoned.
-pub(super) fn together(waves: &mut [Wave<'_>], spectra: &[Spectrum], scale: impl Fn(f64) -> f64) -> Vec<f64> {
+/// `fewest`: frequencies a band at least; from [`MANY`] on every wave is taken at every one of them.
+pub(super) fn together(
+    waves: &mut [Wave<'_>],
+    spectra: &[Spectrum],
+    fewest: usize,
+    scale: impl Fn(f64) -> f64,
+) -> Vec<f64> {
     waves.sort_by(|a, b| a.length_m.total_cmp(&b.length_m));
     let mean = |(band, spectrum): (usize, &Spectrum)| -> f64 {
         let apart_m = FORGOTTEN / (spectrum.high_k() - spectrum.low_k());
@@ -42,22 +52,22 @@ pub(super) fn together(waves: &mut [Wave<'_>], spectra: &[Spectrum], scale: impl
         let heard: Vec<&Wave<'_>> =
             waves.iter().zip(&strengths).filter(|(_, s)| **s > feeble).map(|(w, _)| w).collect();
         let clusters = heard.chunk_by(|a, b| b.length_m - a.length_m - a.wander_m < apart_m);
-        clusters.map(|cluster| coherent(cluster, band, spectrum, &scale)).sum()
+        clusters.map(|cluster| coherent(cluster, band, spectrum, fewest, &scale)).sum()
     };
     spectra.iter().enumerate().map(mean).collect()
 }
 
-fn coherent(waves: &[&Wave<'_>], band: usize, spectrum: &Spectrum, scale: &impl Fn(f64) -> f64) -> f64 {
+fn coherent(waves: &[&Wave<'_>], band: usize, spectrum: &Spectrum, fewest: usize, scale: &impl Fn(f64) -> f64) -> f64 {
     let shortest = waves.iter().map(|w| w.length_m).fold(f64::INFINITY, f64::min);
     let longest = waves.iter().map(|w| w.length_m + w.wander_m).fold(shortest, f64::max);
     let (low, high) = (spectrum.low_k(), spectrum.high_k());
-    let nodes: Vec<(f64, f64)> = gauss_nodes(low, high, frequencies(high - low, longest - shortest)).collect();
+    let nodes: Vec<(f64, f64)> = gauss_nodes(low, high, frequencies(fewest, high - low, longest - shortest)).collect();
     let mut sum = vec![Complex64::ZERO; nodes.len()];
     for wave in waves {
         let envelope = |k: f64| (wave.pressure)(band, k) * Complex64::from_polar(1.0, -k * wave.length_m);
         let turned = |k: f64, value: Complex64| value * Complex64::from_polar(1.0, k * (wave.length_m - shortest));
-        let count = frequencies(high - low, wave.wander_m);
-        if count >= nodes.len() {
+        let count = frequencies(fewest, high - low, wave.wander_m);
+        if fewest >= MANY || count >= nodes.len() {
             for (sum, (k, _)) in sum.iter_mut().zip(&nodes) {
                 *sum += turned(*k, envelope(*k));
             }
@@ -72,12 +82,12 @@ fn coherent(waves: &[&Wave<'_>], band: usize, spectrum: &Spectrum, scale: &impl 
 }
 
 /// Gauss nodes for |p|^2 over a band of width `dk` in 1/m whose ways differ by `apart_m`; one for a tone.
-pub(super) fn frequencies(dk: f64, apart_m: f64) -> usize {
+fn frequencies(fewest: usize, dk: f64, apart_m: f64) -> usize {
     if dk <= 0.0 {
         return 1;
     }
     // As a float: anything longer is cut off.
-    (8.0 + PER_RADIAN * dk * apart_m).ceil().min(MOST_FREQUENCIES as f64) as usize
+    (8.0 + PER_RADIAN * dk * apart_m).ceil().clamp(fewest as f64, MOST_FREQUENCIES as f64) as usize
 }
 
 /// A Legendre series on an interval.
@@ -130,7 +140,7 @@ mod tests {
                 pressure: Box::new(move |_, k| Complex64::from_polar(1.0 / length_m, k * length_m)),
             };
             let (a, b) = (5.0, 5.0 + apart);
-            let got = together(&mut [wave(a), wave(b)], &[spectrum], |_| 1.0)[0];
+            let got = together(&mut [wave(a), wave(b)], &[spectrum], FEW, |_| 1.0)[0];
             // Mean of cos(k d): sin(dk d/2)/(dk d/2) cos(k_c d).
             let half = 0.5 * (spectrum.high_k() - spectrum.low_k()) * apart;
             let sinc = if half > 0.0 { half.sin() / half } else { 1.0 };
