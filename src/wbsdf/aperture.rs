@@ -19,6 +19,7 @@ use nalgebra::{DMatrix, DVector, Dyn, LU};
 use num_complex::Complex64;
 
 use super::crossing::{Crossing, Incident};
+use super::hankel::hankel0;
 
 pub(super) const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
 /// Distance from the nodes, in node distances, from which the sum over them is accurate (1e-6).
@@ -26,11 +27,6 @@ const RESOLVED: f64 = 2.5;
 /// Most times the nodes are refined for points next to the opening.
 const MOST_FINER: f64 = 64.0;
 const HALF_I: Complex64 = Complex64 { re: 0.0, im: 0.5 };
-
-/// Hankel function of the first kind and order 0 for x > 0.
-pub(super) fn hankel0(x: f64) -> Complex64 {
-    Complex64::new(libm::j0(x), libm::y0(x))
-}
 
 /// The factorised integral equation of a set of openings at one wave number.
 pub struct Aperture {

@@ -19,8 +19,9 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use num_complex::Complex64;
 
-use super::aperture::{EULER_GAMMA, hankel0, line_transfer};
+use super::aperture::{EULER_GAMMA, line_transfer};
 use super::crossing::{Crossing, Incident};
+use super::hankel::hankel0;
 
 /// Exponent of the grading: v dx/ds vanishes like s^(2 q/3 - 1) at the jambs.
 const GRADING: i32 = 6;
