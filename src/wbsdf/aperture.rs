@@ -54,11 +54,16 @@ fn unknowns(ka: f64) -> usize {
 impl Aperture {
     /// Sets up and factorises the equation for disjoint, finite openings (limits in m) at wave number `k` in 1/m.
     pub fn new(openings: &[[f64; 2]], k: f64) -> Self {
+        Self::finer(openings, k, 1)
+    }
+
+    /// The same with `finer` times as many unknowns.
+    pub(super) fn finer(openings: &[[f64; 2]], k: f64, finer: usize) -> Self {
         let mut nodes = Vec::new();
         let mut steps = Vec::new();
         let mut blocks = Vec::new();
         for o in openings {
-            let n = unknowns(k * (o[1] - o[0]));
+            let n = finer * unknowns(k * (o[1] - o[0]));
             let (middle, half) = (0.5 * (o[0] + o[1]), 0.5 * (o[1] - o[0]));
             blocks.push((nodes.len(), n, half));
             let step = PI / n as f64;
@@ -105,32 +110,31 @@ impl Aperture {
         }
     }
 
-    /// |p/p_free|^2 of `crossing` at this wave number; p_free is the field with the screen taken away.
-    pub fn transfer(&self, crossing: &Crossing) -> f64 {
+    /// p/|p_free| of `crossing` at this wave number; p_free is the field of the source ((i/4) H0 of a line in the plane
+    /// across the edges) with the screen taken away.
+    pub fn transfer(&self, crossing: &Crossing) -> Complex64 {
         match crossing.incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
                 line_transfer(self.k, (x_m, z_m), (crossing.x_m, crossing.z_m), |far, near| {
                     self.solve_for(&Incident::Line { x_m: far.0, z_m: far.1 }).pressure(near.0, near.1)
                 })
             }
-            Incident::Plane { .. } => {
-                self.solve_for(&crossing.incident).pressure(crossing.x_m, crossing.z_m).norm_sqr()
-            }
+            Incident::Plane { .. } => self.solve_for(&crossing.incident).pressure(crossing.x_m, crossing.z_m),
         }
     }
 }
 
-/// |p/p_free|^2 of a line source at wave number `k`; both places as (x, distance from the plane) in m. Source and receiver
+/// p/|p_free| of a line source at wave number `k`; both places as (x, distance from the plane) in m. Source and receiver
 /// may change places: `pressure` gets the farther one first, which makes the smoother incident field.
 pub(super) fn line_transfer(
     k: f64,
     source: (f64, f64),
     receiver: (f64, f64),
     pressure: impl FnOnce((f64, f64), (f64, f64)) -> Complex64,
-) -> f64 {
+) -> Complex64 {
     let free = 0.25 * hankel0(k * (receiver.0 - source.0).hypot(receiver.1 + source.1)).norm();
     let (far, near) = if source.1 < receiver.1 { (receiver, source) } else { (source, receiver) };
-    (pressure(far, near).norm() / free).powi(2)
+    pressure(far, near) / free
 }
 
 /// Replaces the naive quadrature of an opening's own block by the one that is exact for its logarithm.

@@ -7,6 +7,7 @@ mod hankel;
 pub mod mask;
 pub mod quadrature;
 pub mod rectangle;
+pub mod referee;
 pub mod scatter;
 pub mod slit;
 pub mod thick;

@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 use std::num::NonZeroUsize;
 
 use gauss_quad::legendre::GaussLegendre;
+use num_complex::Complex64;
 
 use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
@@ -81,7 +82,7 @@ pub(super) fn fade(x: f64, range: [f64; 2]) -> f64 {
 }
 
 /// The only jamb of a half-plane with the direction (sign of x) in which the screen lies; `None` for other masks.
-fn single_edge(mask: &Mask) -> Option<(f64, f64)> {
+pub(super) fn single_edge(mask: &Mask) -> Option<(f64, f64)> {
     match mask.openings() {
         [[low, high]] if low.is_finite() && high.is_infinite() => Some((*low, -1.0)),
         [[low, high]] if low.is_infinite() && high.is_finite() => Some((*high, 1.0)),
@@ -90,7 +91,7 @@ fn single_edge(mask: &Mask) -> Option<(f64, f64)> {
 }
 
 /// The exact half-plane with its edge at `edge_m` and its screen towards `side` of it.
-fn half_plane(edge_m: f64, side: f64, crossing: &Crossing, spectrum: &Spectrum) -> RaySum {
+pub(super) fn half_plane(edge_m: f64, side: f64, crossing: &Crossing, spectrum: &Spectrum) -> RaySum {
     let mut across = *spectrum;
     let (source, wave) = match crossing.incident {
         Incident::Line { x_m, z_m } => (((x_m - edge_m) * side, z_m), Wave::Line),
@@ -152,7 +153,8 @@ pub struct BandApertures {
     nodes: Vec<(f64, Solver)>,
 }
 
-enum Solver {
+/// An exact aperture, thin or deep, at one wave number.
+pub(super) enum Solver {
     Thin(Aperture),
     Thick(Box<ThickAperture>),
 }
@@ -171,10 +173,7 @@ impl BandApertures {
         let smooth = 0.7 * (high - low) * (span + thickness_m);
         let count =
             if high > low { 4 + (smooth + resonant(openings, thickness_m, low, high)).ceil() as usize } else { 1 };
-        let solver = |k: f64| match depth_counts(mask, thickness_m) {
-            true => Solver::Thick(Box::new(ThickAperture::new(openings, thickness_m, k))),
-            false => Solver::Thin(Aperture::new(openings, k)),
-        };
+        let solver = |k: f64| Solver::new(mask, thickness_m, k, 1);
         let nodes =
             gauss_nodes(low, high, count.min(MOST_FREQUENCIES)).map(|(k, weight)| (weight, solver(k))).collect();
         Self { nodes }
@@ -182,23 +181,38 @@ impl BandApertures {
 
     /// Band mean of the intensity relative to the source's free field at 1 m.
     pub fn intensity(&self, mask: &Mask, crossing: &Crossing) -> RaySum {
-        let spread = match crossing.incident {
-            // Across the edges like a line source; along them the way over the opening spreads, not the straight one.
-            Incident::Point { x_m, z_m, dy_m } => {
-                let straight = (crossing.x_m - x_m).hypot(crossing.z_m + z_m);
-                let over = over_m(mask, crossing);
-                over / ((over * over + dy_m * dy_m) * straight)
-            }
-            _ => crossing.free_intensity(),
-        };
-        let mean: f64 = self.nodes.iter().map(|(weight, solver)| weight * solver.transfer(crossing)).sum();
-        let value = mean * spread;
+        let mean: f64 = self.nodes.iter().map(|(weight, solver)| weight * solver.transfer(crossing).norm_sqr()).sum();
+        let value = mean * spread(mask, crossing);
         RaySum { value, error: 1e-5 * value, absolute: value, rays: self.nodes.len() }
     }
 }
 
+/// What |p/p_free|^2 in the plane across the edges is multiplied by to give the intensity.
+///
+/// A point source spreads across the edges like a line source; along them the way over the opening counts, not the
+/// straight one.
+pub(super) fn spread(mask: &Mask, crossing: &Crossing) -> f64 {
+    match crossing.incident {
+        Incident::Point { x_m, z_m, dy_m } => {
+            let straight = (crossing.x_m - x_m).hypot(crossing.z_m + z_m);
+            let over = over_m(mask, crossing);
+            over / ((over * over + dy_m * dy_m) * straight)
+        }
+        _ => crossing.free_intensity(),
+    }
+}
+
 impl Solver {
-    fn transfer(&self, crossing: &Crossing) -> f64 {
+    /// The equations at wave number `k` across the edges, with `finer` times as many unknowns as usual.
+    pub(super) fn new(mask: &Mask, thickness_m: f64, k: f64, finer: usize) -> Self {
+        match depth_counts(mask, thickness_m) {
+            true => Self::Thick(Box::new(ThickAperture::finer(mask.openings(), thickness_m, k, finer))),
+            false => Self::Thin(Aperture::finer(mask.openings(), k, finer)),
+        }
+    }
+
+    /// p/|p_free| in the plane across the edges.
+    pub(super) fn transfer(&self, crossing: &Crossing) -> Complex64 {
         match self {
             Self::Thin(aperture) => aperture.transfer(crossing),
             Self::Thick(aperture) => aperture.transfer(crossing),

@@ -116,11 +116,16 @@ impl ThickAperture {
     /// Sets up and factorises the equations for disjoint, finite openings (limits in m) through a wall of
     /// `thickness_m` > 0 at wave number `k` in 1/m.
     pub fn new(openings: &[[f64; 2]], thickness_m: f64, k: f64) -> Self {
+        Self::finer(openings, thickness_m, k, 1)
+    }
+
+    /// The same with `finer` times as many nodes.
+    pub(super) fn finer(openings: &[[f64; 2]], thickness_m: f64, k: f64, finer: usize) -> Self {
         let mut mouths: Vec<Mouth> = Vec::new();
         let mut total = 0;
         for &opening in openings {
             let width_m = opening[1] - opening[0];
-            let half = half_intervals(k * width_m, width_m / thickness_m);
+            let half = finer * half_intervals(k * width_m, width_m / thickness_m);
             mouths.push(Mouth { start: total, half, width_m, nodes: nodes(opening, half) });
             total += 2 * half - 1;
         }
@@ -143,9 +148,9 @@ impl ThickAperture {
         Self { k, thickness_m, mouths, even: Factors::new(even, mirrored), odd: Factors::new(odd, mirrored) }
     }
 
-    /// |p/p_free|^2 of `crossing`, whose distances count from the middle of the wall; p_free is the field with the wall
+    /// p/|p_free| of `crossing`, whose distances count from the middle of the wall; p_free is the field with the wall
     /// taken away.
-    pub fn transfer(&self, crossing: &Crossing) -> f64 {
+    pub fn transfer(&self, crossing: &Crossing) -> Complex64 {
         let depth = 0.5 * self.thickness_m;
         match crossing.incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
@@ -156,8 +161,10 @@ impl ThickAperture {
             }
             Incident::Plane { s_x, s_y } => {
                 let k_x = self.k * s_x / (1.0 - s_y * s_y).sqrt();
-                let strengths = self.solve(|x| Complex64::from_polar(1.0, k_x * x));
-                self.pressure(&strengths, crossing.x_m, crossing.z_m - depth).norm_sqr()
+                // The wave front through the middle of the wall has phase 0.
+                let early = depth * (self.k * self.k - k_x * k_x).max(0.0).sqrt();
+                let strengths = self.solve(|x| Complex64::from_polar(1.0, k_x * x - early));
+                self.pressure(&strengths, crossing.x_m, crossing.z_m - depth)
             }
         }
     }
