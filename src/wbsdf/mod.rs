@@ -11,5 +11,6 @@ pub mod referee;
 pub mod scatter;
 pub mod slit;
 pub mod thick;
+mod two_edges;
 pub mod wedge;
 pub mod weight;

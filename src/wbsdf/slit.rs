@@ -1,19 +1,17 @@
 //! Infinitely long openings in one plane: the exact aperture where they are narrow, the closed form where they are wide.
 
-use std::f64::consts::{PI, TAU};
 use std::num::NonZeroUsize;
 
 use gauss_quad::legendre::GaussLegendre;
 use num_complex::Complex64;
 
 use super::aperture::Aperture;
-use super::crossing::{Crossing, Incident, Spectrum};
-use super::edge::AboutEdge;
-use super::hankel::hankel0;
+use super::crossing::{Crossing, Incident, Ray, Spectrum};
 use super::mask::{Jambs, Mask};
 use super::quadrature::RaySum;
 use super::thick::{ThickAperture, is_thick};
-use super::wedge::{Wave, WedgeField, coherent};
+use super::two_edges::{edge_field, two_edges};
+use super::wedge::coherent;
 
 /// How an opening is modelled in one band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -32,14 +30,15 @@ pub enum Form {
 pub const NARROW_KA: f64 = 14.0;
 /// The same where the source or the receiver is so oblique that waves along the opening matter (multiple diffraction
 /// is not in the closed form), or two openings are seen from too near for the midpoint rule.
-pub const NARROW_KA_OBLIQUE: f64 = 60.0;
+pub const NARROW_KA_OBLIQUE: f64 = 50.0;
 /// k times width up to which the exact aperture replaces a sum over signed rays that came out negative: for bands, which
 /// need many frequencies, and for tones.
 const AFFORDABLE_KA: [f64; 2] = [200.0, 800.0];
 /// Cosines of the angle off the normal, at any jamb, between which a direction turns oblique: 60 to 72.5 degrees.
 const OBLIQUE_COS: [f64; 2] = [0.3, 0.5];
-/// Sums of the cosines of incidence and emergence, at either jamb, between which the directions change so much over the
-/// opening that the closed form's midpoints fail: from 60 and 60 degrees on, or 45 and 73, to 70 and 69.
+/// Sums of the cosines of incidence and emergence, at either jamb, between which an opening is passed along the screen
+/// before and behind. Such directions, and oblique ones, change so much over the opening that the closed form's
+/// midpoints fail.
 const GRAZING: [f64; 2] = [0.7, 1.0];
 /// Distances over the span of several openings between which the midpoint rule of two openings turns good.
 const NEAR: [f64; 2] = [2.0, 4.0];
@@ -66,8 +65,8 @@ pub fn exact_share(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum) -> f64
     let openings = mask.openings();
     let (Some(first), Some(last)) = (openings.first(), openings.last()) else { return 0.0 };
     let span = last[1] - first[0];
-    let cosine = openings.iter().flatten().map(|&x| crossing.ray(x)).fold(1.0_f64, |c, r| c.min(r.cos_i).min(r.cos_o));
-    let mut along = fade(cosine, OBLIQUE_COS);
+    let rays: Vec<Ray> = openings.iter().flatten().map(|&x| crossing.ray(x)).collect();
+    let mut along = fade(smallest_cosine(&rays), OBLIQUE_COS);
     if openings.len() > 1 {
         let before = match crossing.incident {
             Incident::Line { z_m, .. } | Incident::Point { z_m, .. } => z_m,
@@ -99,83 +98,6 @@ pub(super) fn half_plane(edge_m: f64, side: f64, crossing: &Crossing, spectrum: 
     let (field, across) = edge_field(edge_m, side, crossing, spectrum);
     let value = field.mean(&across, coherent);
     RaySum { value, error: 1e-5 * value, absolute: value, rays: 0 }
-}
-
-/// The field about that edge, and the spectrum as it is across it.
-fn edge_field(edge_m: f64, side: f64, crossing: &Crossing, spectrum: &Spectrum) -> (WedgeField, Spectrum) {
-    let mut across = *spectrum;
-    let (source, wave) = match crossing.incident {
-        Incident::Line { x_m, z_m } => (((x_m - edge_m) * side, z_m), Wave::Line),
-        Incident::Point { x_m, z_m, dy_m } => (((x_m - edge_m) * side, z_m), Wave::Point(dy_m)),
-        Incident::Plane { s_x, s_y } => {
-            // Only k sin(beta) counts across the edge.
-            let sin_beta = (1.0 - s_y * s_y).sqrt();
-            across.speed_m_s /= sin_beta;
-            let sin_i = s_x / sin_beta;
-            ((-sin_i * side, (1.0 - sin_i * sin_i).max(0.0).sqrt()), Wave::Plane)
-        }
-    };
-    // Angles from the face on the source's side, through the opening.
-    let r_m = if wave == Wave::Plane { f64::INFINITY } else { source.0.hypot(source.1) };
-    let source = AboutEdge { r_m, phi: source.1.atan2(source.0) };
-    let x = (crossing.x_m - edge_m) * side;
-    let receiver = AboutEdge { r_m: x.hypot(crossing.z_m), phi: TAU - crossing.z_m.atan2(x) };
-    (WedgeField::new(TAU, source, receiver, wave, &across), across)
-}
-
-/// The pressures of an opening's two exact half-planes less the free field, summed at Gauss frequencies of the band.
-///
-/// Only waves that run from jamb to jamb along the opening are missing, of order (k a)^(-3/2); what the midpoint rule of
-/// the closed form neglects (directions that change over the opening) is in it.
-fn two_edges(opening: [f64; 2], crossing: &Crossing, spectrum: &Spectrum) -> RaySum {
-    // A half-plane below the low jamb, another above the high one.
-    let edges = [(opening[0], -1.0), (opening[1], 1.0)].map(|(edge_m, side)| {
-        let (field, across) = edge_field(edge_m, side, crossing, spectrum);
-        (field, across, in_space_m(crossing, edge_m))
-    });
-    let across = edges[0].1;
-    let straight = match crossing.incident {
-        Incident::Plane { s_x, s_y } => {
-            let sin_i = s_x / (1.0 - s_y * s_y).sqrt();
-            crossing.x_m * sin_i + crossing.z_m * (1.0 - sin_i * sin_i).max(0.0).sqrt()
-        }
-        _ => {
-            1.0 / crossing.free_intensity().powf(if matches!(crossing.incident, Incident::Line { .. }) {
-                1.0
-            } else {
-                0.5
-            })
-        }
-    };
-    let (low, high) = (across.low_k(), across.high_k());
-    let detour = edges.iter().map(|e| e.2 - straight).fold(0.0_f64, |a, d| a.max(d.abs()));
-    let apart = detour.max((edges[0].2 - edges[1].2).abs());
-    // |p|^2 has the phase dk * apart over the band: Gauss nodes integrate it from a quarter of that on.
-    let count = if high > low { 6 + (0.35 * (high - low) * apart).ceil() as usize } else { 1 };
-    let mean: f64 = gauss_nodes(low, high, count.min(MOST_FREQUENCIES))
-        .map(|(k, weight)| {
-            let free = match crossing.incident {
-                Incident::Plane { .. } => Complex64::from_polar(1.0, k * straight),
-                Incident::Point { .. } => Complex64::from_polar(1.0 / straight, k * straight),
-                Incident::Line { .. } => hankel0(k * straight) * (0.5 * PI * k).sqrt(),
-            };
-            let parts = edges.iter().map(|(field, _, over)| {
-                let parts = field.parts(k);
-                (parts.incident + parts.reflected) * Complex64::from_polar(1.0, k * over)
-            });
-            weight * (parts.sum::<Complex64>() - free).norm_sqr() / free.norm_sqr()
-        })
-        .sum();
-    let value = mean * crossing.free_intensity();
-    RaySum { value, error: 1e-5 * value, absolute: value, rays: 2 * count }
-}
-
-/// Length in m of the ray over the place `x_m` of the portal: in space for a point source, across the edges otherwise.
-fn in_space_m(crossing: &Crossing, x_m: f64) -> f64 {
-    match crossing.incident {
-        Incident::Point { dy_m, .. } => crossing.length_m(x_m).hypot(dy_m),
-        _ => crossing.length_m(x_m),
-    }
 }
 
 /// k a of the narrowest opening at the centre of the band; infinite when one is unbounded (then nothing is narrow).
@@ -337,17 +259,26 @@ pub fn intensity<'a>(
     if share == 0.0 { wide } else { mix(share, exact(), wide) }
 }
 
-/// Wide openings: the closed form; for one opening that is passed at grazing angles before and behind, its two edges.
+/// Wide openings: the closed form; its two edges where one opening is passed at oblique angles.
 fn wide(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum, tolerance: f64) -> RaySum {
     let closed = || mask.intensity(crossing, spectrum, Jambs::Rigid, tolerance);
     let [opening] = mask.openings() else { return closed() };
-    let flattest = opening.map(|x| crossing.ray(x)).iter().fold(2.0_f64, |c, ray| c.min(ray.cos_i + ray.cos_o));
-    let share = if opening[0].is_finite() && opening[1].is_finite() { fade(flattest, GRAZING) } else { 0.0 };
+    if opening.iter().any(|x| x.is_infinite()) {
+        return closed();
+    }
+    let rays = opening.map(|x| crossing.ray(x));
+    let flattest = rays.iter().fold(2.0_f64, |c, ray| c.min(ray.cos_i + ray.cos_o));
+    let share = fade(flattest, GRAZING).max(fade(smallest_cosine(&rays), OBLIQUE_COS));
     match share {
         0.0 => closed(),
         1.0 => two_edges(*opening, crossing, spectrum),
         _ => mix(share, two_edges(*opening, crossing, spectrum), closed()),
     }
+}
+
+/// Cosine of the direction farthest off the normal.
+fn smallest_cosine(rays: &[Ray]) -> f64 {
+    rays.iter().fold(1.0_f64, |c, r| c.min(r.cos_i).min(r.cos_o))
 }
 
 /// `share` of the first sum and the rest of the second.
