@@ -267,50 +267,60 @@ impl Mouth {
         let step = PI / self.half as f64;
         // What the modes add to their asymptote a/(m pi), m = 1, 2, ...: it falls like m^-3 once a mode fades in the gap.
         let count = 40 + (2.0 * k * a / PI + 8.0 * a / (PI * thickness_m)).ceil() as usize;
-        let modes: Vec<[f64; 2]> = (0..count)
-            .map(|m| {
-                let z = impedances(k, m as f64 * PI / a, thickness_m);
-                if m == 0 { z.map(|z| z / a) } else { z.map(|z| 2.0 * (z - a / (m as f64 * PI)) / a) }
-            })
-            .collect();
-        let shapes: Vec<Vec<f64>> =
-            self.nodes.iter().map(|p| (0..count).map(|m| (m as f64 * PI * p.low).cos()).collect()).collect();
-        // Weights of ln(4 sin^2((s - s')/2)) by |i - j| (Kress 1989, eq. 12.19 for 2 half nodes).
-        let logarithm: Vec<f64> = (0..n)
+        // Everything is the same seen from the other jamb: half of the nodes, and even and odd modes apart.
+        let half = n.div_ceil(2);
+        let shares = |parity: usize, which: usize| {
+            let modes = (parity..count).step_by(2);
+            let shapes =
+                DMatrix::from_fn(half, modes.len(), |i, m| ((2 * m + parity) as f64 * PI * self.nodes[i].low).cos());
+            let mut weighted = shapes.clone();
+            for (mut column, m) in weighted.column_iter_mut().zip(modes) {
+                let z = impedances(k, m as f64 * PI / a, thickness_m)[which];
+                column *= if m == 0 { z / a } else { 2.0 * (z - a / (m as f64 * PI)) / a };
+            }
+            shapes * weighted.transpose()
+        };
+        let own = [0, 1].map(|which| [shares(0, which), shares(1, which)]);
+        // ln(4 sin^2((s - s')/2)) by |i - j|, and its quadrature weights (Kress 1989, eq. 12.19 for 2 half nodes).
+        let cosines: Vec<f64> = (0..2 * self.half).map(|d| (d as f64 * step).cos()).collect();
+        let logarithm: Vec<(f64, f64)> = (0..n)
             .map(|d| {
-                let series: f64 = (1..self.half).map(|m| (m as f64 * d as f64 * step).cos() / m as f64).sum();
+                let series: f64 = (1..self.half).map(|m| cosines[m * d % cosines.len()] / m as f64).sum();
                 let last = if d % 2 == 0 { 1.0 } else { -1.0 };
-                -2.0 * step * series - last * step / self.half as f64
+                let periodic = if d == 0 { 0.0 } else { (4.0 * (0.5 * d as f64 * step).sin().powi(2)).ln() };
+                (periodic, -2.0 * step * series - last * step / self.half as f64)
             })
             .collect();
-        for i in 0..n {
-            for j in 0..=i {
+        // sin(pi/2 share): sin(pi/2 (p - q)) sin(pi/2 (p + q)) is the difference of their squares.
+        let sines: Vec<[f64; 2]> = self.nodes.iter().map(|p| [p.low, p.high].map(|x| (FRAC_PI_2 * x).sin())).collect();
+        for i in 0..half {
+            for j in i..n - i {
                 let (p, q) = (&self.nodes[i], &self.nodes[j]);
-                // Differences and sums of shares from the nearer jamb, free of cancellation.
-                let (apart, mirrored) = match p.low < 0.5 && q.low < 0.5 {
-                    true => ((p.low - q.low).abs(), p.low + q.low),
-                    false => ((p.high - q.high).abs(), p.high + q.high),
-                };
-                let image = -(2.0 * (FRAC_PI_2 * mirrored).sin().abs()).ln() / PI;
+                let (periodic, weight) = logarithm[j - i];
                 let (j0, rest) = if i == j {
                     let outside = Complex64::new(-((0.5 * k * p.slope_m).ln() + EULER_GAMMA) / PI, 0.5);
-                    (1.0, outside - (PI * p.slope_m / a).ln() / PI)
+                    let image = (2.0 * (PI * p.low).sin()).ln();
+                    (1.0, outside - ((PI * p.slope_m / a).ln() + image) / PI)
                 } else {
+                    // From the nearer jamb, free of cancellation.
+                    let (apart, near) = if q.low < 0.5 { (q.low - p.low, 0) } else { (p.high - q.high, 1) };
                     let h = HALF_I * hankel0(k * a * apart);
-                    let j0 = libm::j0(k * a * apart);
-                    let inside = -(2.0 * (FRAC_PI_2 * apart).sin()).ln() / PI;
-                    let periodic = (4.0 * (0.5 * (i - j) as f64 * step).sin().powi(2)).ln();
-                    (j0, h + inside + (j0 + 1.0) * periodic / TAU)
+                    let (s, t) = (sines[i][near], sines[j][near]);
+                    let inside_and_image = (4.0 * ((s - t) * (s + t)).abs()).ln();
+                    // (i/2) H0 has J0/2 as its imaginary part.
+                    let j0 = 2.0 * h.im;
+                    (j0, h - inside_and_image / PI + (j0 + 1.0) * periodic / TAU)
                 };
-                let common = step * (rest + image) - (j0 + 1.0) * logarithm[i - j] / TAU;
-                let (mut own_even, mut own_odd) = (0.0, 0.0);
-                for ((z, p), q) in modes.iter().zip(&shapes[i]).zip(&shapes[j]) {
-                    own_even += z[0] * p * q;
-                    own_odd += z[1] * p * q;
-                }
-                for (matrix, own) in [(&mut *even, own_even), (&mut *odd, own_odd)] {
-                    matrix[(self.start + i, self.start + j)] = common + step * own;
-                    matrix[(self.start + j, self.start + i)] = common + step * own;
+                let common = step * rest - (j0 + 1.0) * weight / TAU;
+                for (matrix, [same, opposite]) in [&mut *even, &mut *odd].into_iter().zip(&own) {
+                    let modes = match j < half {
+                        true => same[(i, j)] + opposite[(i, j)],
+                        false => same[(i, n - 1 - j)] - opposite[(i, n - 1 - j)],
+                    };
+                    let value = common + step * modes;
+                    for (row, column) in [(i, j), (j, i), (n - 1 - i, n - 1 - j), (n - 1 - j, n - 1 - i)] {
+                        matrix[(self.start + row, self.start + column)] = value;
+                    }
                 }
             }
         }
