@@ -15,10 +15,11 @@
 
 use std::f64::consts::{FRAC_2_PI, LN_2, PI};
 
-use nalgebra::{DMatrix, DVector, Dyn, LU};
+use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
 use super::crossing::{Crossing, Incident};
+use super::factors::{Factors, mirrored};
 use super::hankel::hankel0;
 
 pub(super) const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
@@ -35,7 +36,7 @@ pub struct Aperture {
     nodes: Vec<f64>,
     /// Angular step pi/n of the opening of each node.
     steps: Vec<f64>,
-    factors: LU<Complex64, Dyn, Dyn>,
+    factors: Factors,
 }
 
 /// The normal velocity in the openings for one incident field.
@@ -45,10 +46,11 @@ pub struct Solution<'a> {
     strengths: DVector<Complex64>,
 }
 
-/// Unknowns for an opening of width `ka` (k times width): the relative error of the far field is below 1e-6 for
-/// sources no nearer than a fifth of the width.
-fn unknowns(ka: f64) -> usize {
-    12 + (0.75 * ka).ceil() as usize
+/// Unknowns for one of `openings` of width `ka` (k times width): the relative error of the far field is below 1e-6 for
+/// sources no nearer than a fifth of the width; 1e-4 and a width where there are several openings.
+fn unknowns(ka: f64, openings: usize) -> usize {
+    let least = if openings == 1 { 12 } else { 7 };
+    least + (0.75 * ka).ceil() as usize
 }
 
 impl Aperture {
@@ -63,7 +65,7 @@ impl Aperture {
         let mut steps = Vec::new();
         let mut blocks = Vec::new();
         for o in openings {
-            let n = finer * unknowns(k * (o[1] - o[0]));
+            let n = finer * unknowns(k * (o[1] - o[0]), openings.len());
             let (middle, half) = (0.5 * (o[0] + o[1]), 0.5 * (o[1] - o[0]));
             blocks.push((nodes.len(), n, half));
             let step = PI / n as f64;
@@ -82,14 +84,13 @@ impl Aperture {
         for &(start, n, half) in &blocks {
             add_logarithm(&mut matrix, start, n, k, half);
         }
-        Self { k, nodes, steps, factors: matrix.lu() }
+        Self { k, nodes, steps, factors: Factors::new(matrix, mirrored(openings)) }
     }
 
     /// Solves for the incident pressure `p_inc(x)` in the plane of the screen.
     pub fn solve(&self, p_inc: impl Fn(f64) -> Complex64) -> Solution<'_> {
         let right = DVector::from_iterator(self.nodes.len(), self.nodes.iter().map(|&x| p_inc(x)));
-        // The matrix is that of a uniquely solvable equation; a failed factorisation means empty openings: silence.
-        let mut strengths = self.factors.solve(&right).unwrap_or_else(|| DVector::zeros(self.nodes.len()));
+        let mut strengths = self.factors.solve(&right);
         for (s, step) in strengths.iter_mut().zip(&self.steps) {
             *s *= *step;
         }
@@ -140,21 +141,20 @@ pub(super) fn line_transfer(
 /// Replaces the naive quadrature of an opening's own block by the one that is exact for its logarithm.
 fn add_logarithm(matrix: &mut DMatrix<Complex64>, start: usize, n: usize, k: f64, half: f64) {
     let step = PI / n as f64;
-    let tau = |j: usize| (j as f64 + 0.5) * step;
+    // cos(j step/2): every angle below is a multiple of half a step.
+    let cosines: Vec<f64> = (0..4 * n).map(|j| (0.5 * j as f64 * step).cos()).collect();
     // ln|cos tau_i - cos tau_j| = -ln 2 - sum_m (2/m) cos(m tau_i) cos(m tau_j): its quadrature weights divided by the
     // step, by differences and sums of indices: cos a cos b = [cos(a-b) + cos(a+b)]/2 with (a +- b) = m step * integer.
-    let series: Vec<f64> =
-        (0..2 * n).map(|d| (1..n).map(|m| (m as f64 * d as f64 * step).cos() / m as f64).sum()).collect();
+    let series: Vec<f64> = (0..2 * n).map(|d| (1..n).map(|m| cosines[2 * m * d % (4 * n)] / m as f64).sum()).collect();
     for i in 0..n {
         for j in 0..n {
             let exact = -LN_2 - series[i.abs_diff(j)] - series[i + j + 1];
             let (j0, remainder) = if i == j {
                 (1.0, Complex64::new(1.0, FRAC_2_PI * ((0.5 * k * half).ln() + EULER_GAMMA)))
             } else {
-                let distance = (tau(i).cos() - tau(j).cos()).abs();
-                let j0 = libm::j0(k * half * distance);
+                let distance = (cosines[2 * i + 1] - cosines[2 * j + 1]).abs();
                 let naive = matrix[(start + i, start + j)] / (HALF_I * step);
-                (j0, naive - Complex64::new(0.0, FRAC_2_PI * j0 * distance.ln()))
+                (naive.re, naive - Complex64::new(0.0, FRAC_2_PI * naive.re * distance.ln()))
             };
             matrix[(start + i, start + j)] = HALF_I * step * (remainder + Complex64::new(0.0, FRAC_2_PI * j0 * exact));
         }

@@ -3,6 +3,7 @@
 pub mod aperture;
 pub mod crossing;
 pub mod edge;
+mod factors;
 mod hankel;
 pub mod mask;
 pub mod quadrature;

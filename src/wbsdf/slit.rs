@@ -28,8 +28,8 @@ pub enum Form {
 /// k times width below which the exact aperture is used; from three quarters of it on the closed form takes over
 /// smoothly. There both agree within 0.06 dB in octave bands up to 60 degrees off the normal (docs/verification.md).
 pub const NARROW_KA: f64 = 14.0;
-/// The same where the source or the receiver is so oblique that waves along the opening matter (multiple diffraction
-/// is not in the closed form), or two openings are seen from too near for the midpoint rule.
+/// The same where the source or the receiver is so oblique that waves along the opening matter, and for the narrowest
+/// member, opening or strip, of several openings.
 pub const NARROW_KA_OBLIQUE: f64 = 50.0;
 /// k times width up to which the exact aperture replaces a sum over signed rays that came out negative: for bands, which
 /// need many frequencies, and for tones.
@@ -40,8 +40,8 @@ const OBLIQUE_COS: [f64; 2] = [0.3, 0.5];
 /// before and behind. Such directions, and oblique ones, change so much over the opening that the closed form's
 /// midpoints fail.
 const GRAZING: [f64; 2] = [0.7, 1.0];
-/// Distances over the span of several openings between which the midpoint rule of two openings turns good.
-const NEAR: [f64; 2] = [2.0, 4.0];
+/// k times the open width of several openings between which solving them exactly takes too long.
+const SOLVABLE: [f64; 2] = [300.0, 400.0];
 
 impl Form {
     /// The form for the narrowest of the `mask`'s openings in this band, whatever the directions.
@@ -58,22 +58,21 @@ impl Form {
 /// 1 below [`NARROW_KA`], further up for directions along the screen; it falls smoothly, so that no level jumps while
 /// an opening widens or a probe moves.
 pub fn exact_share(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum) -> f64 {
+    let openings = mask.openings();
+    let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
+    if openings.len() > 1 {
+        // Strips between openings, too: waves run over them from jamb to jamb, and the closed form has none of these.
+        let strips = openings.windows(2).map(|w| w[1][0] - w[0][1]);
+        let narrowest = strips.fold(f64::INFINITY, f64::min).min(narrowest_ka(mask, spectrum) / k);
+        let open: f64 = openings.iter().map(|o| o[1] - o[0]).sum();
+        return fade(k * narrowest, [0.75 * NARROW_KA_OBLIQUE, NARROW_KA_OBLIQUE]) * fade(k * open, SOLVABLE);
+    }
     let ka = narrowest_ka(mask, spectrum);
     if ka >= NARROW_KA_OBLIQUE {
         return 0.0;
     }
-    let openings = mask.openings();
-    let (Some(first), Some(last)) = (openings.first(), openings.last()) else { return 0.0 };
-    let span = last[1] - first[0];
-    let rays: Vec<Ray> = openings.iter().flatten().map(|&x| crossing.ray(x)).collect();
-    let mut along = fade(smallest_cosine(&rays), OBLIQUE_COS);
-    if openings.len() > 1 {
-        let before = match crossing.incident {
-            Incident::Line { z_m, .. } | Incident::Point { z_m, .. } => z_m,
-            Incident::Plane { .. } => f64::INFINITY,
-        };
-        along = along.max(fade(crossing.z_m.min(before) / span, NEAR));
-    }
+    let Some(opening) = openings.first() else { return 0.0 };
+    let along = fade(smallest_cosine(&opening.map(|x| crossing.ray(x))), OBLIQUE_COS);
     let limit = NARROW_KA + (NARROW_KA_OBLIQUE - NARROW_KA) * along;
     fade(ka, [0.75 * limit, limit])
 }
@@ -142,10 +141,14 @@ pub struct BandApertures {
 
 /// An exact aperture, thin or deep, at one wave number.
 pub(super) enum Solver {
-    Thin(Aperture),
+    Thin(Box<Aperture>),
     Thick(Box<ThickAperture>),
 }
 
+/// Most frequencies a band for several openings: path differences of the farthest pairs, of which there are few, alias.
+const MOST_OF_SEVERAL: usize = 48;
+/// k times width from which a gap's resonances count less.
+const WIDE_GAP_KA: f64 = 14.0;
 /// Most frequencies a band for the resonances of a deep gap.
 pub(super) const MOST_FREQUENCIES: usize = 256;
 
@@ -155,14 +158,14 @@ impl BandApertures {
         let openings = mask.openings();
         let span = openings.last().map_or(0.0, |o| o[1]) - openings.first().map_or(0.0, |o| o[0]);
         let (low, high) = (spectrum.low_k() * sin_beta, spectrum.high_k() * sin_beta);
-        // |p|^2 varies over the band like cos(k d), d at most twice the span: Gauss nodes converge exponentially beyond
-        // half that phase.
-        let smooth = 0.7 * (high - low) * (span + thickness_m);
+        // |p|^2 varies over the band like cos(k d), d at most twice the span and the depth: Gauss nodes converge
+        // exponentially beyond a quarter of that phase.
+        let smooth = 0.5 * (high - low) * (span + thickness_m);
         let count =
             if high > low { 4 + (smooth + resonant(openings, thickness_m, low, high)).ceil() as usize } else { 1 };
         let solver = |k: f64| Solver::new(mask, thickness_m, k, 1);
-        let nodes =
-            gauss_nodes(low, high, count.min(MOST_FREQUENCIES)).map(|(k, weight)| (weight, solver(k))).collect();
+        let most = if openings.len() > 1 && thickness_m == 0.0 { MOST_OF_SEVERAL } else { MOST_FREQUENCIES };
+        let nodes = gauss_nodes(low, high, count.min(most)).map(|(k, weight)| (weight, solver(k))).collect();
         Self { nodes }
     }
 
@@ -194,7 +197,7 @@ impl Solver {
     pub(super) fn new(mask: &Mask, thickness_m: f64, k: f64, finer: usize) -> Self {
         match depth_counts(mask, thickness_m) {
             true => Self::Thick(Box::new(ThickAperture::finer(mask.openings(), thickness_m, k, finer))),
-            false => Self::Thin(Aperture::finer(mask.openings(), k, finer)),
+            false => Self::Thin(Box::new(Aperture::finer(mask.openings(), k, finer))),
         }
     }
 
@@ -217,7 +220,9 @@ pub(super) fn resonant(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: 
     }
     let first = low.max(0.5 * std::f64::consts::PI / thickness_m);
     let narrowest = openings.iter().map(|o| o[1] - o[0]).fold(f64::INFINITY, f64::min);
-    3.0 * (high - low) * thickness_m / (first * narrowest).min(1.5)
+    // A wide gap sends back only modes near their cut-on, a share of 1/(k a) of the power.
+    let share = (WIDE_GAP_KA / (first * narrowest)).min(1.0);
+    3.0 * share * (high - low) * thickness_m / (first * narrowest).min(1.5)
 }
 
 /// Gauss-Legendre nodes on [low, high] with weights that sum to 1.

@@ -16,12 +16,13 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use nalgebra::{DMatrix, DVector, Dyn, LU};
+use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
 use super::aperture::{EULER_GAMMA, line_transfer};
 use super::crossing::{Crossing, Incident};
-use super::hankel::hankel0;
+use super::factors::{Factors, mirrored};
+use super::hankel::{hankel0, sin_cos};
 
 /// Exponent of the grading: v dx/ds vanishes like s^(2 q/3 - 1) at the jambs.
 const GRADING: i32 = 6;
@@ -58,17 +59,10 @@ pub struct ThickAperture {
     odd: Factors,
 }
 
-/// A factorised matrix.
-enum Factors {
-    Whole(LU<Complex64, Dyn, Dyn>),
-    /// One that mirroring x leaves as it is: for symmetric and antisymmetric vectors, a quarter of the work.
-    Mirrored(LU<Complex64, Dyn, Dyn>, LU<Complex64, Dyn, Dyn>),
-}
-
 /// Half the number of intervals for an opening of width `ka` (k times width) and `flatness` (width over depth, at which scale
 /// its modes fade): the level behind it is converged to 0.02 dB.
 fn half_intervals(ka: f64, flatness: f64) -> usize {
-    12 + (0.6 * ka + 0.25 * flatness).ceil() as usize
+    12 + (0.42 * ka + 0.25 * flatness).ceil() as usize
 }
 
 /// Kress' sigmoidal map of s in 0..2 pi on 0..1 and its derivative.
@@ -144,7 +138,7 @@ impl ThickAperture {
         for mouth in &mouths {
             mouth.add(k, thickness_m, &mut even, &mut odd);
         }
-        let mirrored = mouths.len() == 1;
+        let mirrored = mirrored(openings);
         Self { k, thickness_m, mouths, even: Factors::new(even, mirrored), odd: Factors::new(odd, mirrored) }
     }
 
@@ -215,51 +209,6 @@ impl ThickAperture {
     }
 }
 
-impl Factors {
-    fn new(matrix: DMatrix<Complex64>, mirrored: bool) -> Self {
-        if !mirrored {
-            return Self::Whole(matrix.lu());
-        }
-        let (n, half) = (matrix.nrows(), matrix.nrows() / 2);
-        let part = |size: usize, sign: f64| {
-            let folded = |i: usize, j: usize| match n - 1 - j == j {
-                true => matrix[(i, j)],
-                false => matrix[(i, j)] + sign * matrix[(i, n - 1 - j)],
-            };
-            DMatrix::from_fn(size, size, folded).lu()
-        };
-        Self::Mirrored(part(n - half, 1.0), part(half, -1.0))
-    }
-
-    /// The equations are uniquely solvable; a failed factorisation means empty openings: silence.
-    fn solve(&self, right: &DVector<Complex64>) -> DVector<Complex64> {
-        let solved = |factors: &LU<Complex64, Dyn, Dyn>, right: &DVector<Complex64>| {
-            factors.solve(right).unwrap_or_else(|| DVector::zeros(right.len()))
-        };
-        match self {
-            Self::Whole(factors) => solved(factors, right),
-            Self::Mirrored(symmetric, antisymmetric) => {
-                let n = right.len();
-                let half =
-                    |size: usize, sign: f64| DVector::from_fn(size, |i, _| 0.5 * (right[i] + sign * right[n - 1 - i]));
-                let same = solved(symmetric, &half(n - n / 2, 1.0));
-                let opposite = solved(antisymmetric, &half(n / 2, -1.0));
-                DVector::from_fn(n, |i, _| {
-                    let mirror = n - 1 - i;
-                    let odd = if i < n / 2 {
-                        opposite[i]
-                    } else if mirror < n / 2 {
-                        -opposite[mirror]
-                    } else {
-                        Complex64::ZERO
-                    };
-                    same[i.min(mirror)] + odd
-                })
-            }
-        }
-    }
-}
-
 impl Mouth {
     /// Adds the mouth's own blocks to the even and the odd matrix.
     fn add(&self, k: f64, thickness_m: f64, even: &mut DMatrix<Complex64>, odd: &mut DMatrix<Complex64>) {
@@ -272,7 +221,7 @@ impl Mouth {
         let shares = |parity: usize, which: usize| {
             let modes = (parity..count).step_by(2);
             let shapes =
-                DMatrix::from_fn(half, modes.len(), |i, m| ((2 * m + parity) as f64 * PI * self.nodes[i].low).cos());
+                DMatrix::from_fn(half, modes.len(), |i, m| sin_cos((2 * m + parity) as f64 * PI * self.nodes[i].low).1);
             let mut weighted = shapes.clone();
             for (mut column, m) in weighted.column_iter_mut().zip(modes) {
                 let z = impedances(k, m as f64 * PI / a, thickness_m)[which];
