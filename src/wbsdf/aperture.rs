@@ -198,18 +198,24 @@ impl Solution<'_> {
         let step = PI / n as f64;
         let edge = (0.5 * step).cos();
         let (middle, half) = (0.5 * (nodes[0] + nodes[n - 1]), 0.5 * (nodes[0] - nodes[n - 1]) / edge);
+        // cos(j step/2): every angle of the nodes is a multiple of half a step.
+        let cosines: Vec<f64> = (0..4 * n).map(|j| (0.5 * j as f64 * step).cos()).collect();
         let coefficients: Vec<Complex64> = (0..n)
             .map(|m| {
-                let cosine = |j: usize| (m as f64 * (j as f64 + 0.5) * step).cos();
-                let sum: Complex64 = strengths.iter().enumerate().map(|(j, s)| s * cosine(j)).sum();
+                let sum: Complex64 =
+                    strengths.iter().enumerate().map(|(j, s)| s * cosines[m * (2 * j + 1) % (4 * n)]).sum();
                 sum * if m == 0 { 1.0 } else { 2.0 } / (n * finer) as f64
             })
             .collect();
         (0..n * finer)
             .map(|i| {
-                let tau = (i as f64 + 0.5) * step / finer as f64;
-                let value = coefficients.iter().enumerate().map(|(m, c)| c * (m as f64 * tau).cos()).sum();
-                (middle + half * tau.cos(), value)
+                let cosine = ((i as f64 + 0.5) * step / finer as f64).cos();
+                // Clenshaw's recurrence for sum c_m cos(m tau).
+                let (mut last, mut before) = (Complex64::ZERO, Complex64::ZERO);
+                for c in coefficients.iter().skip(1).rev() {
+                    (last, before) = (c + 2.0 * cosine * last - before, last);
+                }
+                (middle + half * cosine, coefficients[0] + cosine * last - before)
             })
             .collect()
     }

@@ -49,7 +49,11 @@ impl Form {
         if single_edge(mask).is_some() {
             return Self::Edge;
         }
-        if narrowest_ka(mask, spectrum) < NARROW_KA { Self::Exact } else { Self::Closed }
+        let exact = match mask.openings().len() {
+            0 | 1 => narrowest_ka(mask, spectrum) < NARROW_KA,
+            _ => share_of_several(mask, spectrum) > 0.5,
+        };
+        if exact { Self::Exact } else { Self::Closed }
     }
 }
 
@@ -59,13 +63,8 @@ impl Form {
 /// an opening widens or a probe moves.
 pub fn exact_share(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum) -> f64 {
     let openings = mask.openings();
-    let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
     if openings.len() > 1 {
-        // Strips between openings, too: waves run over them from jamb to jamb, and the closed form has none of these.
-        let strips = openings.windows(2).map(|w| w[1][0] - w[0][1]);
-        let narrowest = strips.fold(f64::INFINITY, f64::min).min(narrowest_ka(mask, spectrum) / k);
-        let open: f64 = openings.iter().map(|o| o[1] - o[0]).sum();
-        return fade(k * narrowest, [0.75 * NARROW_KA_OBLIQUE, NARROW_KA_OBLIQUE]) * fade(k * open, SOLVABLE);
+        return share_of_several(mask, spectrum);
     }
     let ka = narrowest_ka(mask, spectrum);
     if ka >= NARROW_KA_OBLIQUE {
@@ -75,6 +74,18 @@ pub fn exact_share(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum) -> f64
     let along = fade(smallest_cosine(&opening.map(|x| crossing.ray(x))), OBLIQUE_COS);
     let limit = NARROW_KA + (NARROW_KA_OBLIQUE - NARROW_KA) * along;
     fade(ka, [0.75 * limit, limit])
+}
+
+/// The same for several openings, from any direction.
+///
+/// Strips between openings count, too: waves run over them from jamb to jamb, and the closed form has none of these.
+fn share_of_several(mask: &Mask, spectrum: &Spectrum) -> f64 {
+    let openings = mask.openings();
+    let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
+    let strips = openings.windows(2).map(|w| k * (w[1][0] - w[0][1]));
+    let narrowest = strips.fold(narrowest_ka(mask, spectrum), f64::min);
+    let open: f64 = openings.iter().map(|o| o[1] - o[0]).sum();
+    fade(narrowest, [0.75 * NARROW_KA_OBLIQUE, NARROW_KA_OBLIQUE]) * fade(k * open, SOLVABLE)
 }
 
 /// 1 up to `range[0]`, 0 from `range[1]` on, smooth between.
