@@ -6,7 +6,7 @@ use gauss_quad::legendre::GaussLegendre;
 use num_complex::Complex64;
 
 use super::aperture::Aperture;
-use super::crossing::{Crossing, Incident, Ray, Spectrum};
+use super::crossing::{Crossing, Incident, Spectrum};
 use super::mask::{Jambs, Mask};
 use super::quadrature::RaySum;
 use super::thick::{ThickAperture, is_thick};
@@ -36,6 +36,8 @@ pub const NARROW_KA_OBLIQUE: f64 = 50.0;
 const AFFORDABLE_KA: [f64; 2] = [200.0, 800.0];
 /// Cosines of the angle off the normal, at any jamb, between which a direction turns oblique: 60 to 72.5 degrees.
 const OBLIQUE_COS: [f64; 2] = [0.3, 0.5];
+/// Distances from the screen over the width of the opening between which a place is near.
+const NEAR: [f64; 2] = [0.4, 0.8];
 /// Sums of the cosines of incidence and emergence, at either jamb, between which an opening is passed along the screen
 /// before and behind. Such directions, and oblique ones, change so much over the opening that the closed form's
 /// midpoints fail.
@@ -71,7 +73,7 @@ pub fn exact_share(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum) -> f64
         return 0.0;
     }
     let Some(opening) = openings.first() else { return 0.0 };
-    let along = fade(smallest_cosine(&opening.map(|x| crossing.ray(x))), OBLIQUE_COS);
+    let along = off_axis(opening, crossing);
     let limit = NARROW_KA + (NARROW_KA_OBLIQUE - NARROW_KA) * along;
     fade(ka, [0.75 * limit, limit])
 }
@@ -282,9 +284,8 @@ fn wide(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum, tolerance: f64) -
     if opening.iter().any(|x| x.is_infinite()) {
         return closed();
     }
-    let rays = opening.map(|x| crossing.ray(x));
-    let flattest = rays.iter().fold(2.0_f64, |c, ray| c.min(ray.cos_i + ray.cos_o));
-    let share = fade(flattest, GRAZING).max(fade(smallest_cosine(&rays), OBLIQUE_COS));
+    let flattest = opening.map(|x| crossing.ray(x)).iter().fold(2.0_f64, |c, ray| c.min(ray.cos_i + ray.cos_o));
+    let share = fade(flattest, GRAZING).max(off_axis(opening, crossing));
     match share {
         0.0 => closed(),
         1.0 => two_edges(*opening, crossing, spectrum),
@@ -292,9 +293,15 @@ fn wide(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum, tolerance: f64) -
     }
 }
 
-/// Cosine of the direction farthest off the normal.
-fn smallest_cosine(rays: &[Ray]) -> f64 {
-    rays.iter().fold(1.0_f64, |c, r| c.min(r.cos_i).min(r.cos_o))
+/// 1 where source or receiver are oblique or near to the opening, so that directions change much over it; 0 far about the
+/// normal, smooth between.
+fn off_axis(opening: &[f64; 2], crossing: &Crossing) -> f64 {
+    let cosine = opening.map(|x| crossing.ray(x)).iter().fold(1.0_f64, |c, r| c.min(r.cos_i).min(r.cos_o));
+    let before = match crossing.incident {
+        Incident::Line { z_m, .. } | Incident::Point { z_m, .. } => z_m,
+        Incident::Plane { .. } => f64::INFINITY,
+    };
+    fade(cosine, OBLIQUE_COS).max(fade(crossing.z_m.min(before) / (opening[1] - opening[0]), NEAR))
 }
 
 /// `share` of the first sum and the rest of the second.
