@@ -20,7 +20,7 @@ use num_complex::Complex64;
 
 use super::crossing::{Crossing, Incident};
 use super::factors::{Factors, mirrored};
-use super::hankel::hankel0;
+use super::hankel::{hankel0, hankel0_each};
 
 pub(super) const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
 /// Distance from the nodes, in node distances, from which the sum over them is accurate (1e-6).
@@ -87,10 +87,9 @@ impl Aperture {
         Self { k, nodes, steps, factors: Factors::new(matrix, mirrored(openings)) }
     }
 
-    /// Solves for the incident pressure `p_inc(x)` in the plane of the screen.
-    pub fn solve(&self, p_inc: impl Fn(f64) -> Complex64) -> Solution<'_> {
-        let right = DVector::from_iterator(self.nodes.len(), self.nodes.iter().map(|&x| p_inc(x)));
-        let mut strengths = self.factors.solve(&right);
+    /// Solves for the incident pressure at the nodes.
+    fn solve(&self, p_inc: Vec<Complex64>) -> Solution<'_> {
+        let mut strengths = self.factors.solve(&DVector::from_vec(p_inc));
         for (s, step) in strengths.iter_mut().zip(&self.steps) {
             *s *= *step;
         }
@@ -102,11 +101,15 @@ impl Aperture {
     pub fn solve_for(&self, incident: &Incident) -> Solution<'_> {
         match *incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
-                self.solve(|x| 0.5 * HALF_I * hankel0(self.k * (x - x_m).hypot(z_m)))
+                let mut p_inc = hankel0_each(&distances(&self.nodes, self.k, x_m, z_m));
+                for p in &mut p_inc {
+                    *p *= 0.5 * HALF_I;
+                }
+                self.solve(p_inc)
             }
             Incident::Plane { s_x, s_y } => {
                 let k_x = self.k * s_x / (1.0 - s_y * s_y).sqrt();
-                self.solve(|x| Complex64::from_polar(1.0, k_x * x))
+                self.solve(self.nodes.iter().map(|x| Complex64::from_polar(1.0, k_x * x)).collect())
             }
         }
     }
@@ -136,6 +139,11 @@ pub(super) fn line_transfer(
     let free = 0.25 * hankel0(k * (receiver.0 - source.0).hypot(receiver.1 + source.1)).norm();
     let (far, near) = if source.1 < receiver.1 { (receiver, source) } else { (source, receiver) };
     pressure(far, near) / free
+}
+
+/// `scale` times the distances of the nodes from (x, z).
+fn distances(nodes: &[f64], scale: f64, x_m: f64, z_m: f64) -> Vec<f64> {
+    nodes.iter().map(|x| scale * ((x_m - x) * (x_m - x) + z_m * z_m).sqrt()).collect()
 }
 
 /// Replaces the naive quadrature of an opening's own block by the one that is exact for its logarithm.
@@ -170,14 +178,12 @@ impl Solution<'_> {
         while start < a.nodes.len() {
             let n = (PI / a.steps[start]).round() as usize;
             let nodes = &a.nodes[start..start + n];
-            let nearest = nodes.iter().map(|x| (x_m - x).hypot(z_m)).fold(f64::INFINITY, f64::min);
+            let phases = distances(nodes, a.k, x_m, z_m);
+            let nearest = phases.iter().copied().fold(f64::INFINITY, f64::min) / a.k;
             let spacing = (nodes[0] - nodes[n - 1]).abs() * a.steps[start];
             sum += if nearest > RESOLVED * spacing {
-                self.sum_over(
-                    nodes.iter().copied().zip(self.strengths.as_slice()[start..start + n].iter().copied()),
-                    x_m,
-                    z_m,
-                )
+                let own = &self.strengths.as_slice()[start..start + n];
+                hankel0_each(&phases).iter().zip(own).map(|(h, s)| h * s).sum::<Complex64>()
             } else {
                 let finer = (RESOLVED * spacing / nearest.max(1e-6 * spacing)).ceil().min(MOST_FINER) as usize;
                 self.sum_over(self.refined(start, n, finer).into_iter(), x_m, z_m)

@@ -15,15 +15,43 @@ pub(super) fn mirrored(openings: &[[f64; 2]]) -> bool {
 
 /// A factorised matrix.
 pub(super) enum Factors {
-    Whole(LU<Complex64, Dyn, Dyn>),
+    Whole(Part),
     /// One that mirroring x leaves as it is: for symmetric and antisymmetric vectors, a quarter of the work.
-    Mirrored(LU<Complex64, Dyn, Dyn>, LU<Complex64, Dyn, Dyn>),
+    Mirrored(Part, Part),
+}
+
+/// One matrix, ready to be solved: the inverse of a small one, where a product is faster than two substitutions.
+pub(super) enum Part {
+    Factors(LU<Complex64, Dyn, Dyn>),
+    Inverse(DMatrix<Complex64>),
+}
+
+/// Most unknowns of a matrix that is inverted.
+const SMALL: usize = 40;
+
+impl Part {
+    /// The equations are uniquely solvable; a failed factorisation means empty openings: silence.
+    fn new(matrix: DMatrix<Complex64>) -> Self {
+        let n = matrix.nrows();
+        let factors = matrix.lu();
+        if n > SMALL {
+            return Self::Factors(factors);
+        }
+        Self::Inverse(factors.try_inverse().unwrap_or_else(|| DMatrix::zeros(n, n)))
+    }
+
+    fn solve(&self, right: &DVector<Complex64>) -> DVector<Complex64> {
+        match self {
+            Self::Factors(factors) => factors.solve(right).unwrap_or_else(|| DVector::zeros(right.len())),
+            Self::Inverse(inverse) => inverse * right,
+        }
+    }
 }
 
 impl Factors {
     pub(super) fn new(matrix: DMatrix<Complex64>, mirrored: bool) -> Self {
         if !mirrored {
-            return Self::Whole(matrix.lu());
+            return Self::Whole(Part::new(matrix));
         }
         let (n, half) = (matrix.nrows(), matrix.nrows() / 2);
         let part = |size: usize, sign: f64| {
@@ -31,24 +59,20 @@ impl Factors {
                 true => matrix[(i, j)],
                 false => matrix[(i, j)] + sign * matrix[(i, n - 1 - j)],
             };
-            DMatrix::from_fn(size, size, folded).lu()
+            Part::new(DMatrix::from_fn(size, size, folded))
         };
         Self::Mirrored(part(n - half, 1.0), part(half, -1.0))
     }
 
-    /// The equations are uniquely solvable; a failed factorisation means empty openings: silence.
     pub(super) fn solve(&self, right: &DVector<Complex64>) -> DVector<Complex64> {
-        let solved = |factors: &LU<Complex64, Dyn, Dyn>, right: &DVector<Complex64>| {
-            factors.solve(right).unwrap_or_else(|| DVector::zeros(right.len()))
-        };
         match self {
-            Self::Whole(factors) => solved(factors, right),
+            Self::Whole(part) => part.solve(right),
             Self::Mirrored(symmetric, antisymmetric) => {
                 let n = right.len();
                 let half =
                     |size: usize, sign: f64| DVector::from_fn(size, |i, _| 0.5 * (right[i] + sign * right[n - 1 - i]));
-                let same = solved(symmetric, &half(n - n / 2, 1.0));
-                let opposite = solved(antisymmetric, &half(n / 2, -1.0));
+                let same = symmetric.solve(&half(n - n / 2, 1.0));
+                let opposite = antisymmetric.solve(&half(n / 2, -1.0));
                 DVector::from_fn(n, |i, _| {
                     let mirror = n - 1 - i;
                     let odd = if i < n / 2 {

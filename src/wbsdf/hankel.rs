@@ -1,7 +1,7 @@
 //! Hankel's function: fast for real arguments, of which the exact aperture takes thousands a level, and for the complex
 //! ones that steepest descent needs. Sine and cosine without a call, for loops over many rays.
 
-use std::f64::consts::{FRAC_1_PI, FRAC_2_PI, FRAC_PI_4, PI};
+use std::f64::consts::{FRAC_1_PI, FRAC_1_SQRT_2, FRAC_2_PI, FRAC_PI_4, PI};
 use std::num::NonZeroUsize;
 use std::sync::LazyLock;
 
@@ -134,16 +134,42 @@ pub(super) fn sin_cos(x: f64) -> (f64, f64) {
 #[inline]
 pub(super) fn hankel0(x: f64) -> Complex64 {
     if x >= SPLIT {
-        let inverse = SPLIT / x;
-        let t = 2.0 * inverse * inverse - 1.0;
-        let (p, q) = (polynomial(&FAR_P, t), inverse * polynomial(&FAR_Q, t));
-        let (sin, cos) = sin_cos(x - FRAC_PI_4);
-        let amplitude = (2.0 * FRAC_1_PI / x).sqrt();
-        Complex64::new(amplitude * (p * cos - q * sin), amplitude * (p * sin + q * cos))
+        let (re, im) = hankel0_far(x);
+        Complex64::new(re, im)
     } else {
         let j0 = bessel0_near(x);
         Complex64::new(j0, polynomial(&NEAR_Y, x * x / 32.0 - 1.0) + FRAC_2_PI * x.ln() * j0)
     }
+}
+
+/// The same for many arguments, in vector code where all of a block are far.
+pub(super) fn hankel0_each(arguments: &[f64]) -> Vec<Complex64> {
+    const BLOCK: usize = 8;
+    let mut values = Vec::with_capacity(arguments.len());
+    for block in arguments.chunks(BLOCK) {
+        match <&[f64; BLOCK]>::try_from(block) {
+            Ok(block) if block.iter().all(|x| *x >= SPLIT) => {
+                let (mut re, mut im) = ([0.0; BLOCK], [0.0; BLOCK]);
+                for ((re, im), x) in re.iter_mut().zip(&mut im).zip(block) {
+                    (*re, *im) = hankel0_far(*x);
+                }
+                values.extend(re.iter().zip(&im).map(|(re, im)| Complex64::new(*re, *im)));
+            }
+            _ => values.extend(block.iter().map(|x| hankel0(*x))),
+        }
+    }
+    values
+}
+
+/// Real and imaginary part for x >= 8.
+#[inline(always)]
+fn hankel0_far(x: f64) -> (f64, f64) {
+    let inverse = SPLIT / x;
+    let t = 2.0 * inverse * inverse - 1.0;
+    let (p, q) = (polynomial(&FAR_P, t), inverse * polynomial(&FAR_Q, t));
+    let (sin, cos) = sin_cos(x - FRAC_PI_4);
+    let amplitude = (2.0 * FRAC_1_PI / x).sqrt();
+    (amplitude * (p * cos - q * sin), amplitude * (p * sin + q * cos))
 }
 
 #[inline]
@@ -163,16 +189,23 @@ static HERMITE: LazyLock<Vec<(f64, f64)>> = LazyLock::new(|| {
 /// 9.1.24 turned to steepest descent), u = x^2 on Gauss-Hermite nodes; its asymptotic series for large |z|. Relative
 /// error below 1e-5 for |z| > 0.5.
 pub(super) fn scaled_hankel0(z: Complex64) -> Complex64 {
-    let amplitude = (2.0 / (PI * z)).sqrt() * Complex64::from_polar(1.0, -0.25 * PI);
-    if z.norm() > FAR {
+    let amplitude = sqrt_right(2.0 / (PI * z)) * Complex64::new(FRAC_1_SQRT_2, -FRAC_1_SQRT_2);
+    if z.norm_sqr() > FAR * FAR {
         // 1 + sum of i^m a_m / z^m, a_m = (-1)^m (1^2 3^2 ... (2m-1)^2) / (m! 8^m).
         let y = Complex64::I / z;
         return amplitude
             * (1.0 + y * (-0.125 + y * (0.070_312_5 + y * (-0.073_242_187_5 + y * 0.112_152_099_609_375))));
     }
     let half = Complex64::I / (2.0 * z);
-    let sum: Complex64 = HERMITE.iter().map(|&(x, weight)| weight / (1.0 + half * (x * x)).sqrt()).sum();
+    let sum: Complex64 = HERMITE.iter().map(|&(x, weight)| weight / sqrt_right(1.0 + half * (x * x))).sum();
     amplitude * sum / PI.sqrt()
+}
+
+/// The square root of a number with a positive real part, without angles.
+#[inline]
+fn sqrt_right(z: Complex64) -> Complex64 {
+    let re = (0.5 * (z.norm_sqr().sqrt() + z.re)).sqrt();
+    Complex64::new(re, 0.5 * z.im / re)
 }
 
 #[cfg(test)]
@@ -190,6 +223,14 @@ mod tests {
                 let (sin, cos) = sin_cos(x);
                 assert!((sin - x.sin()).abs() + (cos - x.cos()).abs() < 1e-13 + 1e-15 * x.abs(), "{x}: {sin} {cos}");
             }
+        }
+    }
+
+    #[test]
+    fn many_arguments_at_once_are_the_same_one_by_one() {
+        let arguments: Vec<f64> = (1..40).map(|i| 0.7 * f64::from(i)).collect();
+        for (x, value) in arguments.iter().zip(hankel0_each(&arguments)) {
+            assert!((value - hankel0(*x)).norm() < 1e-14);
         }
     }
 
