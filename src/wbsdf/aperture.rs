@@ -142,7 +142,7 @@ pub(super) fn line_transfer(
 }
 
 /// `scale` times the distances of the nodes from (x, z).
-fn distances(nodes: &[f64], scale: f64, x_m: f64, z_m: f64) -> Vec<f64> {
+pub(super) fn distances(nodes: &[f64], scale: f64, x_m: f64, z_m: f64) -> Vec<f64> {
     nodes.iter().map(|x| scale * ((x_m - x) * (x_m - x) + z_m * z_m).sqrt()).collect()
 }
 

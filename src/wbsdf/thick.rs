@@ -19,10 +19,10 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
-use super::aperture::{EULER_GAMMA, line_transfer};
+use super::aperture::{EULER_GAMMA, distances, line_transfer};
 use super::crossing::{Crossing, Incident};
 use super::factors::{Factors, mirrored};
-use super::hankel::{hankel0, sin_cos};
+use super::hankel::{hankel0, hankel0_each, sin_cos};
 
 /// Exponent of the grading: v dx/ds vanishes like s^(2 q/3 - 1) at the jambs.
 const GRADING: i32 = 6;
@@ -149,7 +149,8 @@ impl ThickAperture {
         match crossing.incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
                 line_transfer(self.k, (x_m, z_m), (crossing.x_m, crossing.z_m), |far, near| {
-                    let strengths = self.solve(|x| 0.5 * HALF_I * hankel0(self.k * (x - far.0).hypot(far.1 - depth)));
+                    let phases = distances(&self.positions(), self.k, far.0, far.1 - depth);
+                    let strengths = self.solve(hankel0_each(&phases).iter().map(|h| 0.5 * HALF_I * h).collect());
                     self.pressure(&strengths, near.0, near.1 - depth)
                 })
             }
@@ -157,7 +158,8 @@ impl ThickAperture {
                 let k_x = self.k * s_x / (1.0 - s_y * s_y).sqrt();
                 // The wave front through the middle of the wall has phase 0.
                 let early = depth * (self.k * self.k - k_x * k_x).max(0.0).sqrt();
-                let strengths = self.solve(|x| Complex64::from_polar(1.0, k_x * x - early));
+                let wave = |x: &f64| Complex64::from_polar(1.0, k_x * x - early);
+                let strengths = self.solve(self.positions().iter().map(wave).collect());
                 self.pressure(&strengths, crossing.x_m, crossing.z_m - depth)
             }
         }
@@ -166,8 +168,8 @@ impl ThickAperture {
     /// Far-field amplitude in m towards sin(theta_o) of a unit plane wave from sin(theta_i), as
     /// [`Solution::far_amplitude`](super::aperture::Solution::far_amplitude).
     pub fn far_amplitude(&self, sin_i: f64, sin_o: &[f64]) -> Vec<Complex64> {
-        let strengths = self.solve(|x| Complex64::from_polar(1.0, self.k * x * sin_i));
-        let nodes: Vec<f64> = self.mouths.iter().flat_map(|m| &m.nodes).map(|n| n.x_m).collect();
+        let nodes = self.positions();
+        let strengths = self.solve(nodes.iter().map(|x| Complex64::from_polar(1.0, self.k * x * sin_i)).collect());
         let towards = |sin_o: f64| {
             nodes
                 .iter()
@@ -178,10 +180,14 @@ impl ThickAperture {
         sin_o.iter().map(|s| towards(*s) / TAU).collect()
     }
 
-    /// v dx/ds times the step at the nodes of the far mouth, for the incident pressure `p_inc(x)` at the near one.
-    fn solve(&self, p_inc: impl Fn(f64) -> Complex64) -> Vec<Complex64> {
-        let positions = self.mouths.iter().flat_map(|m| &m.nodes).map(|n| p_inc(n.x_m));
-        let right = DVector::from_vec(positions.collect());
+    /// The nodes' places across the openings in m.
+    fn positions(&self) -> Vec<f64> {
+        self.mouths.iter().flat_map(|m| &m.nodes).map(|n| n.x_m).collect()
+    }
+
+    /// v dx/ds times the step at the nodes of the far mouth, for the incident pressure at those of the near one.
+    fn solve(&self, p_inc: Vec<Complex64>) -> Vec<Complex64> {
+        let right = DVector::from_vec(p_inc);
         let leaving = self.odd.solve(&right) - self.even.solve(&right);
         let steps = self.mouths.iter().flat_map(|m| m.nodes.iter().map(|_| PI / m.half as f64));
         leaving.iter().zip(steps).map(|(v, step)| v * step).collect()
@@ -189,20 +195,22 @@ impl ThickAperture {
 
     /// Pressure at (x, z), z > 0 behind the far mouth, in m.
     fn pressure(&self, strengths: &[Complex64], x_m: f64, z_m: f64) -> Complex64 {
-        let sum_over = |places: &mut dyn Iterator<Item = (f64, Complex64)>| -> Complex64 {
-            places.map(|(x, s)| hankel0(self.k * (x_m - x).hypot(z_m)) * s).sum()
+        let sum_over = |places: &[f64], strengths: &[Complex64]| -> Complex64 {
+            hankel0_each(&distances(places, self.k, x_m, z_m)).iter().zip(strengths).map(|(h, s)| h * s).sum()
         };
         let mut sum = Complex64::ZERO;
         for mouth in &self.mouths {
             let own = &strengths[mouth.start..mouth.start + mouth.nodes.len()];
-            let nearest = mouth.nodes.iter().map(|n| (x_m - n.x_m).hypot(z_m)).fold(f64::INFINITY, f64::min);
+            let places: Vec<f64> = mouth.nodes.iter().map(|n| n.x_m).collect();
+            let nearest = distances(&places, 1.0, x_m, z_m).into_iter().fold(f64::INFINITY, f64::min);
             // In the middle the nodes are twice as far apart as even ones.
             let spacing = mouth.width_m / mouth.half as f64;
             sum += if nearest > RESOLVED * spacing {
-                sum_over(&mut mouth.nodes.iter().map(|n| n.x_m).zip(own.iter().copied()))
+                sum_over(&places, own)
             } else {
                 let finer = (RESOLVED * spacing / nearest.max(1e-6 * spacing)).ceil().min(MOST_FINER) as usize;
-                sum_over(&mut mouth.refined(own, finer).into_iter())
+                let (places, own): (Vec<f64>, Vec<Complex64>) = mouth.refined(own, finer).into_iter().unzip();
+                sum_over(&places, &own)
             };
         }
         HALF_I * sum
