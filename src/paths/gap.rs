@@ -38,7 +38,7 @@ enum Shape {
 /// Places across an opening (shares of its width) where sight of source and probe is tested.
 const SIGHT_PLACES: [f64; 5] = [0.02, 0.26, 0.5, 0.74, 0.98];
 /// Relative accuracy of the sums over signed rays.
-const TOLERANCE: f64 = 1e-4;
+const TOLERANCE: f64 = 2e-3;
 
 /// A source or probe image with what it sees of a rectangular opening.
 struct Sight {

@@ -15,10 +15,12 @@
 
 use std::f64::consts::{FRAC_2_PI, LN_2, PI};
 
-use nalgebra::{DMatrix, DVector, Dyn, LU};
+use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
 use super::crossing::{Crossing, Incident};
+use super::factors::{Factors, mirrored};
+use super::hankel::{hankel0, hankel0_each};
 
 pub(super) const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
 /// Distance from the nodes, in node distances, from which the sum over them is accurate (1e-6).
@@ -27,11 +29,6 @@ const RESOLVED: f64 = 2.5;
 const MOST_FINER: f64 = 64.0;
 const HALF_I: Complex64 = Complex64 { re: 0.0, im: 0.5 };
 
-/// Hankel function of the first kind and order 0 for x > 0.
-pub(super) fn hankel0(x: f64) -> Complex64 {
-    Complex64::new(libm::j0(x), libm::y0(x))
-}
-
 /// The factorised integral equation of a set of openings at one wave number.
 pub struct Aperture {
     k: f64,
@@ -39,7 +36,7 @@ pub struct Aperture {
     nodes: Vec<f64>,
     /// Angular step pi/n of the opening of each node.
     steps: Vec<f64>,
-    factors: LU<Complex64, Dyn, Dyn>,
+    factors: Factors,
 }
 
 /// The normal velocity in the openings for one incident field.
@@ -49,20 +46,26 @@ pub struct Solution<'a> {
     strengths: DVector<Complex64>,
 }
 
-/// Unknowns for an opening of width `ka` (k times width): the relative error of the far field is below 1e-6 for
-/// sources no nearer than a fifth of the width.
-fn unknowns(ka: f64) -> usize {
-    12 + (0.75 * ka).ceil() as usize
+/// Unknowns for one of `openings` of width `ka` (k times width): the relative error of the far field is below 1e-6 for
+/// sources no nearer than a fifth of the width; 1e-4 and a width where there are several openings.
+fn unknowns(ka: f64, openings: usize) -> usize {
+    let least = if openings == 1 { 12 } else { 7 };
+    least + (0.75 * ka).ceil() as usize
 }
 
 impl Aperture {
     /// Sets up and factorises the equation for disjoint, finite openings (limits in m) at wave number `k` in 1/m.
     pub fn new(openings: &[[f64; 2]], k: f64) -> Self {
+        Self::finer(openings, k, 1)
+    }
+
+    /// The same with `finer` times as many unknowns.
+    pub(super) fn finer(openings: &[[f64; 2]], k: f64, finer: usize) -> Self {
         let mut nodes = Vec::new();
         let mut steps = Vec::new();
         let mut blocks = Vec::new();
         for o in openings {
-            let n = unknowns(k * (o[1] - o[0]));
+            let n = finer * unknowns(k * (o[1] - o[0]), openings.len());
             let (middle, half) = (0.5 * (o[0] + o[1]), 0.5 * (o[1] - o[0]));
             blocks.push((nodes.len(), n, half));
             let step = PI / n as f64;
@@ -81,14 +84,12 @@ impl Aperture {
         for &(start, n, half) in &blocks {
             add_logarithm(&mut matrix, start, n, k, half);
         }
-        Self { k, nodes, steps, factors: matrix.lu() }
+        Self { k, nodes, steps, factors: Factors::new(matrix, mirrored(openings)) }
     }
 
-    /// Solves for the incident pressure `p_inc(x)` in the plane of the screen.
-    pub fn solve(&self, p_inc: impl Fn(f64) -> Complex64) -> Solution<'_> {
-        let right = DVector::from_iterator(self.nodes.len(), self.nodes.iter().map(|&x| p_inc(x)));
-        // The matrix is that of a uniquely solvable equation; a failed factorisation means empty openings: silence.
-        let mut strengths = self.factors.solve(&right).unwrap_or_else(|| DVector::zeros(self.nodes.len()));
+    /// Solves for the incident pressure at the nodes.
+    fn solve(&self, p_inc: Vec<Complex64>) -> Solution<'_> {
+        let mut strengths = self.factors.solve(&DVector::from_vec(p_inc));
         for (s, step) in strengths.iter_mut().zip(&self.steps) {
             *s *= *step;
         }
@@ -100,61 +101,68 @@ impl Aperture {
     pub fn solve_for(&self, incident: &Incident) -> Solution<'_> {
         match *incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
-                self.solve(|x| 0.5 * HALF_I * hankel0(self.k * (x - x_m).hypot(z_m)))
+                let mut p_inc = hankel0_each(&distances(&self.nodes, self.k, x_m, z_m));
+                for p in &mut p_inc {
+                    *p *= 0.5 * HALF_I;
+                }
+                self.solve(p_inc)
             }
             Incident::Plane { s_x, s_y } => {
                 let k_x = self.k * s_x / (1.0 - s_y * s_y).sqrt();
-                self.solve(|x| Complex64::from_polar(1.0, k_x * x))
+                self.solve(self.nodes.iter().map(|x| Complex64::from_polar(1.0, k_x * x)).collect())
             }
         }
     }
 
-    /// |p/p_free|^2 of `crossing` at this wave number; p_free is the field with the screen taken away.
-    pub fn transfer(&self, crossing: &Crossing) -> f64 {
+    /// p/|p_free| of `crossing` at this wave number; p_free is the field of the source ((i/4) H0 of a line in the plane
+    /// across the edges) with the screen taken away.
+    pub fn transfer(&self, crossing: &Crossing) -> Complex64 {
         match crossing.incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
                 line_transfer(self.k, (x_m, z_m), (crossing.x_m, crossing.z_m), |far, near| {
                     self.solve_for(&Incident::Line { x_m: far.0, z_m: far.1 }).pressure(near.0, near.1)
                 })
             }
-            Incident::Plane { .. } => {
-                self.solve_for(&crossing.incident).pressure(crossing.x_m, crossing.z_m).norm_sqr()
-            }
+            Incident::Plane { .. } => self.solve_for(&crossing.incident).pressure(crossing.x_m, crossing.z_m),
         }
     }
 }
 
-/// |p/p_free|^2 of a line source at wave number `k`; both places as (x, distance from the plane) in m. Source and receiver
+/// p/|p_free| of a line source at wave number `k`; both places as (x, distance from the plane) in m. Source and receiver
 /// may change places: `pressure` gets the farther one first, which makes the smoother incident field.
 pub(super) fn line_transfer(
     k: f64,
     source: (f64, f64),
     receiver: (f64, f64),
     pressure: impl FnOnce((f64, f64), (f64, f64)) -> Complex64,
-) -> f64 {
+) -> Complex64 {
     let free = 0.25 * hankel0(k * (receiver.0 - source.0).hypot(receiver.1 + source.1)).norm();
     let (far, near) = if source.1 < receiver.1 { (receiver, source) } else { (source, receiver) };
-    (pressure(far, near).norm() / free).powi(2)
+    pressure(far, near) / free
+}
+
+/// `scale` times the distances of the nodes from (x, z).
+pub(super) fn distances(nodes: &[f64], scale: f64, x_m: f64, z_m: f64) -> Vec<f64> {
+    nodes.iter().map(|x| scale * ((x_m - x) * (x_m - x) + z_m * z_m).sqrt()).collect()
 }
 
 /// Replaces the naive quadrature of an opening's own block by the one that is exact for its logarithm.
 fn add_logarithm(matrix: &mut DMatrix<Complex64>, start: usize, n: usize, k: f64, half: f64) {
     let step = PI / n as f64;
-    let tau = |j: usize| (j as f64 + 0.5) * step;
+    // cos(j step/2): every angle below is a multiple of half a step.
+    let cosines: Vec<f64> = (0..4 * n).map(|j| (0.5 * j as f64 * step).cos()).collect();
     // ln|cos tau_i - cos tau_j| = -ln 2 - sum_m (2/m) cos(m tau_i) cos(m tau_j): its quadrature weights divided by the
     // step, by differences and sums of indices: cos a cos b = [cos(a-b) + cos(a+b)]/2 with (a +- b) = m step * integer.
-    let series: Vec<f64> =
-        (0..2 * n).map(|d| (1..n).map(|m| (m as f64 * d as f64 * step).cos() / m as f64).sum()).collect();
+    let series: Vec<f64> = (0..2 * n).map(|d| (1..n).map(|m| cosines[2 * m * d % (4 * n)] / m as f64).sum()).collect();
     for i in 0..n {
         for j in 0..n {
             let exact = -LN_2 - series[i.abs_diff(j)] - series[i + j + 1];
             let (j0, remainder) = if i == j {
                 (1.0, Complex64::new(1.0, FRAC_2_PI * ((0.5 * k * half).ln() + EULER_GAMMA)))
             } else {
-                let distance = (tau(i).cos() - tau(j).cos()).abs();
-                let j0 = libm::j0(k * half * distance);
+                let distance = (cosines[2 * i + 1] - cosines[2 * j + 1]).abs();
                 let naive = matrix[(start + i, start + j)] / (HALF_I * step);
-                (j0, naive - Complex64::new(0.0, FRAC_2_PI * j0 * distance.ln()))
+                (naive.re, naive - Complex64::new(0.0, FRAC_2_PI * naive.re * distance.ln()))
             };
             matrix[(start + i, start + j)] = HALF_I * step * (remainder + Complex64::new(0.0, FRAC_2_PI * j0 * exact));
         }
@@ -170,14 +178,12 @@ impl Solution<'_> {
         while start < a.nodes.len() {
             let n = (PI / a.steps[start]).round() as usize;
             let nodes = &a.nodes[start..start + n];
-            let nearest = nodes.iter().map(|x| (x_m - x).hypot(z_m)).fold(f64::INFINITY, f64::min);
+            let phases = distances(nodes, a.k, x_m, z_m);
+            let nearest = phases.iter().copied().fold(f64::INFINITY, f64::min) / a.k;
             let spacing = (nodes[0] - nodes[n - 1]).abs() * a.steps[start];
             sum += if nearest > RESOLVED * spacing {
-                self.sum_over(
-                    nodes.iter().copied().zip(self.strengths.as_slice()[start..start + n].iter().copied()),
-                    x_m,
-                    z_m,
-                )
+                let own = &self.strengths.as_slice()[start..start + n];
+                hankel0_each(&phases).iter().zip(own).map(|(h, s)| h * s).sum::<Complex64>()
             } else {
                 let finer = (RESOLVED * spacing / nearest.max(1e-6 * spacing)).ceil().min(MOST_FINER) as usize;
                 self.sum_over(self.refined(start, n, finer).into_iter(), x_m, z_m)
@@ -198,18 +204,24 @@ impl Solution<'_> {
         let step = PI / n as f64;
         let edge = (0.5 * step).cos();
         let (middle, half) = (0.5 * (nodes[0] + nodes[n - 1]), 0.5 * (nodes[0] - nodes[n - 1]) / edge);
+        // cos(j step/2): every angle of the nodes is a multiple of half a step.
+        let cosines: Vec<f64> = (0..4 * n).map(|j| (0.5 * j as f64 * step).cos()).collect();
         let coefficients: Vec<Complex64> = (0..n)
             .map(|m| {
-                let cosine = |j: usize| (m as f64 * (j as f64 + 0.5) * step).cos();
-                let sum: Complex64 = strengths.iter().enumerate().map(|(j, s)| s * cosine(j)).sum();
+                let sum: Complex64 =
+                    strengths.iter().enumerate().map(|(j, s)| s * cosines[m * (2 * j + 1) % (4 * n)]).sum();
                 sum * if m == 0 { 1.0 } else { 2.0 } / (n * finer) as f64
             })
             .collect();
         (0..n * finer)
             .map(|i| {
-                let tau = (i as f64 + 0.5) * step / finer as f64;
-                let value = coefficients.iter().enumerate().map(|(m, c)| c * (m as f64 * tau).cos()).sum();
-                (middle + half * tau.cos(), value)
+                let cosine = ((i as f64 + 0.5) * step / finer as f64).cos();
+                // Clenshaw's recurrence for sum c_m cos(m tau).
+                let (mut last, mut before) = (Complex64::ZERO, Complex64::ZERO);
+                for c in coefficients.iter().skip(1).rev() {
+                    (last, before) = (c + 2.0 * cosine * last - before, last);
+                }
+                (middle + half * cosine, coefficients[0] + cosine * last - before)
             })
             .collect()
     }

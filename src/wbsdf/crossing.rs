@@ -63,6 +63,57 @@ pub struct Ray {
 }
 
 impl Ray {
+    /// From a line source to a receiver, both as (x, distance from the portal) in m, over the portal at `x_m`.
+    #[inline(always)]
+    pub(super) fn from_line(source: (f64, f64), receiver: (f64, f64), x_m: f64) -> Self {
+        let (into, out) = (x_m - source.0, receiver.0 - x_m);
+        let (rho_in, rho_out) =
+            ((into * into + source.1 * source.1).sqrt(), (out * out + receiver.1 * receiver.1).sqrt());
+        let spread = 1.0 / (rho_in * rho_out);
+        // Both reciprocals with one division.
+        let (per_in, per_out) = (spread * rho_out, spread * rho_in);
+        Self {
+            sin_i: into * per_in,
+            cos_i: source.1 * per_in,
+            sin_o: out * per_out,
+            cos_o: receiver.1 * per_out,
+            sin_beta: 1.0,
+            spread,
+        }
+    }
+
+    /// From a point source, `dy_square` the squared difference along the edges in m^2.
+    #[inline(always)]
+    pub(super) fn from_point(source: (f64, f64), receiver: (f64, f64), dy_square: f64, x_m: f64) -> Self {
+        let (into, out) = (x_m - source.0, receiver.0 - x_m);
+        let (rho_in, rho_out) =
+            ((into * into + source.1 * source.1).sqrt(), (out * out + receiver.1 * receiver.1).sqrt());
+        let product = 1.0 / (rho_in * rho_out);
+        let (per_in, per_out) = (product * rho_out, product * rho_in);
+        let rho = rho_in + rho_out;
+        let length = (rho * rho + dy_square).sqrt();
+        let sin_beta = rho / length;
+        // sin^3 beta / (rho_in rho_out rho)
+        let spread = product * sin_beta * sin_beta / length;
+        Self {
+            sin_i: into * per_in,
+            cos_i: source.1 * per_in,
+            sin_o: out * per_out,
+            cos_o: receiver.1 * per_out,
+            sin_beta,
+            spread,
+        }
+    }
+
+    /// Of a plane wave from `sin_i` in the plane across the edges.
+    #[inline(always)]
+    pub(super) fn from_plane(sin_i: f64, sin_beta: f64, receiver: (f64, f64), x_m: f64) -> Self {
+        let out = receiver.0 - x_m;
+        let per_out = 1.0 / (out * out + receiver.1 * receiver.1).sqrt();
+        let cos_i = (1.0 - sin_i * sin_i).max(0.0).sqrt();
+        Self { sin_i, cos_i, sin_o: out * per_out, cos_o: receiver.1 * per_out, sin_beta, spread: sin_beta * per_out }
+    }
+
     /// Change of the direction cosine along x, Delta of eq. (3).
     pub fn delta(&self) -> f64 {
         self.sin_beta * (self.sin_o - self.sin_i)
@@ -71,7 +122,13 @@ impl Ray {
     /// cos(sigma) and sin(delta) with sigma, delta = half sum and half difference of the angles:
     /// cos^2 sigma = (1 + cos(theta_o + theta_i)) / 2.
     pub fn cos_sigma(&self) -> f64 {
-        (0.5 * (1.0 + self.cos_o * self.cos_i - self.sin_o * self.sin_i)).max(0.0).sqrt()
+        self.cos_sigma_square().max(0.0).sqrt()
+    }
+
+    /// cos^2(sigma).
+    #[inline]
+    pub(super) fn cos_sigma_square(&self) -> f64 {
+        0.5 * (1.0 + self.cos_o * self.cos_i - self.sin_o * self.sin_i)
     }
 
     /// sin(delta), signed like Delta.
@@ -84,30 +141,15 @@ impl Ray {
 
 impl Crossing {
     /// The ray through the portal at `x_m`.
+    #[inline]
     pub fn ray(&self, x_m: f64) -> Ray {
-        let out = self.x_m - x_m;
-        let rho_out = out.hypot(self.z_m);
-        let (sin_o, cos_o) = (out / rho_out, self.z_m / rho_out);
+        let receiver = (self.x_m, self.z_m);
         match self.incident {
-            Incident::Line { x_m: source, z_m } => {
-                let into = x_m - source;
-                let rho_in = into.hypot(z_m);
-                let spread = 1.0 / (rho_in * rho_out);
-                Ray { sin_i: into / rho_in, cos_i: z_m / rho_in, sin_o, cos_o, sin_beta: 1.0, spread }
-            }
-            Incident::Point { x_m: source, z_m, dy_m } => {
-                let into = x_m - source;
-                let rho_in = into.hypot(z_m);
-                let rho = rho_in + rho_out;
-                let sin_beta = rho / rho.hypot(dy_m);
-                let spread = sin_beta.powi(3) / (rho_in * rho_out * rho);
-                Ray { sin_i: into / rho_in, cos_i: z_m / rho_in, sin_o, cos_o, sin_beta, spread }
-            }
+            Incident::Line { x_m: source, z_m } => Ray::from_line((source, z_m), receiver, x_m),
+            Incident::Point { x_m: source, z_m, dy_m } => Ray::from_point((source, z_m), receiver, dy_m * dy_m, x_m),
             Incident::Plane { s_x, s_y } => {
                 let sin_beta = (1.0 - s_y * s_y).sqrt();
-                let sin_i = s_x / sin_beta;
-                let cos_i = (1.0 - sin_i * sin_i).max(0.0).sqrt();
-                Ray { sin_i, cos_i, sin_o, cos_o, sin_beta, spread: sin_beta / rho_out }
+                Ray::from_plane(s_x / sin_beta, sin_beta, receiver, x_m)
             }
         }
     }

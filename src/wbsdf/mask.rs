@@ -13,8 +13,9 @@
 
 use std::f64::consts::PI;
 
-use super::crossing::{Crossing, Ray, Spectrum};
-use super::quadrature::{RaySum, integrate};
+use super::crossing::{Crossing, Incident, Ray, Spectrum};
+use super::hankel::sin_cos;
+use super::quadrature::{MOST_NODES, Panel, RaySum, Rule, integrate, nodes_for};
 
 /// What an edge does besides cutting the field off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,14 +31,27 @@ const FADE: [f64; 2] = [6.0 * PI, 18.0 * PI];
 /// Phase per metre is finite everywhere, so this many doublings from a millionth of the geometry's size suffice.
 const MAX_DOUBLINGS: usize = 80;
 
+/// Most bisections of a piece for a source or receiver next to it.
+const MAX_DEPTH: usize = 24;
+/// Digits of the first sum over rays, relative to its absolute terms, and most of the second.
+const DIGITS: f64 = 4.0;
+const MOST_DIGITS: f64 = 12.0;
+/// Distance of Gauss nodes in the outer quarters of a panel, relative to the middle: sqrt(1 - t^2) at t = 2/3.
+const OUTER_QUARTER: f64 = 0.75;
+/// Longest half length of a panel over the distance of the nearest singularity of the spreading.
+const LONGEST_PANEL: f64 = 1.6;
+
 /// Openings in one plane: disjoint open intervals along x in m, ascending; the outermost limits may be infinite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mask {
     openings: Vec<[f64; 2]>,
     jambs: Vec<f64>,
+    /// The pairs that integrals belong to, with rigid jambs.
+    terms: Vec<Term>,
 }
 
 /// One pair of elements on a range of midpoints.
+#[derive(Debug, Clone, PartialEq)]
 struct Term {
     range: [f64; 2],
     /// Separations h2 and h1 as `slope * (x - x0)`; `None`: no opening-opening part.
@@ -49,7 +63,7 @@ struct Term {
     multiplicity: f64,
 }
 
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Line {
     slope: f64,
     x0_m: f64,
@@ -74,7 +88,9 @@ impl Mask {
             }
         }
         let jambs = joined.iter().flatten().copied().filter(|x| x.is_finite()).collect();
-        Self { openings: joined, jambs }
+        let mut mask = Self { openings: joined, jambs, terms: Vec::new() };
+        mask.terms = mask.pairs(Jambs::Rigid);
+        mask
     }
 
     /// The openings, disjoint and ascending.
@@ -92,13 +108,36 @@ impl Mask {
             let value = if self.openings.is_empty() { 0.0 } else { crossing.free_intensity() };
             return RaySum { value, absolute: value, ..RaySum::default() };
         }
-        let terms = self.terms(jambs);
+        if jambs == Jambs::Rigid && self.openings.iter().flatten().all(|x| x.is_finite()) {
+            return self.resolved(crossing, spectrum, tolerance);
+        }
+        let terms = self.pairs(jambs);
         let first = self.sum(&terms, crossing, spectrum, jambs, f64::INFINITY);
         if first.error <= tolerance * first.value.abs() {
             return first;
         }
         let bound = tolerance * first.value.abs().max(1e-9 * first.absolute);
         let second = self.sum(&terms, crossing, spectrum, jambs, bound);
+        RaySum { rays: first.rays + second.rays, ..second }
+    }
+
+    /// Finite openings on Gauss nodes: as many as the phase asks for, and again with more where the sum is too small a
+    /// difference of large terms.
+    fn resolved(&self, crossing: &Crossing, spectrum: &Spectrum, tolerance: f64) -> RaySum {
+        let jambs = self.jamb_pairs(crossing, spectrum);
+        let add = |digits: f64| {
+            let mut sum = jambs;
+            for term in &self.terms {
+                term.panels(term.range, crossing, spectrum, digits, MAX_DEPTH, &mut sum);
+            }
+            sum
+        };
+        let first = add(DIGITS);
+        let missing = (first.error / (tolerance * first.value.max(1e-9 * first.absolute))).log10();
+        if missing <= 0.0 {
+            return first;
+        }
+        let second = add((DIGITS + missing.ceil()).min(MOST_DIGITS));
         RaySum { rays: first.rays + second.rays, ..second }
     }
 
@@ -115,7 +154,7 @@ impl Mask {
     }
 
     /// The pairs (opening, opening) and (opening, jamb) with the midpoints they live on.
-    fn terms(&self, jambs: Jambs) -> Vec<Term> {
+    fn pairs(&self, jambs: Jambs) -> Vec<Term> {
         let rigid = jambs == Jambs::Rigid;
         let mut terms = Vec::new();
         for (i, p) in self.openings.iter().enumerate() {
@@ -223,6 +262,108 @@ impl Term {
             (None, None) => 0.0,
         };
         k * h * crossing.ray(x).delta()
+    }
+
+    /// Adds the integral over `range`, bisected until one rule holds a panel's phase and the source and the receiver are
+    /// not much nearer to it than it is long.
+    fn panels(
+        &self,
+        [a, b]: [f64; 2],
+        crossing: &Crossing,
+        spectrum: &Spectrum,
+        digits: f64,
+        depth: usize,
+        sum: &mut RaySum,
+    ) {
+        let (middle, half) = (0.5 * (a + b), 0.5 * (b - a));
+        let k = spectrum.high_k();
+        // Changes of phase over the quarters. Gauss nodes are denser towards the ends.
+        let mut last = self.phase(a, crossing, k);
+        let quarters = [-0.5, 0.0, 0.5, 1.0].map(|share| {
+            let before = std::mem::replace(&mut last, self.phase(middle + share * half, crossing, k));
+            (last - before).abs()
+        });
+        let [first, second, third, fourth] = quarters;
+        let fastest = second.max(third).max(OUTER_QUARTER * first.max(fourth));
+        let phase = (4.0 * fastest).max(first + second + third + fourth);
+        let near = |x: f64, z: f64| (x - middle) * (x - middle) + z * z;
+        let singular = match crossing.incident {
+            Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => near(x_m, z_m),
+            Incident::Plane { .. } => f64::INFINITY,
+        };
+        let distance = singular.min(near(crossing.x_m, crossing.z_m)).sqrt();
+        let nodes = nodes_for(digits, phase, distance / half);
+        if depth > 0 && (half > LONGEST_PANEL * distance || nodes > MOST_NODES as f64) {
+            self.panels([a, middle], crossing, spectrum, digits, depth - 1, sum);
+            self.panels([middle, b], crossing, spectrum, digits, depth - 1, sum);
+        } else {
+            *sum += self.gauss(Rule::of(nodes.ceil() as usize), [a, b], digits, crossing, spectrum);
+        }
+    }
+
+    /// One panel. The kind of source and of term is chosen outside the loop over rays.
+    fn gauss(&self, rule: &Rule, [a, b]: [f64; 2], digits: f64, crossing: &Crossing, spectrum: &Spectrum) -> RaySum {
+        let panel = Panel { rule, a, b, accuracy: 10f64.powf(-digits) };
+        let receiver = (crossing.x_m, crossing.z_m);
+        match crossing.incident {
+            Incident::Line { x_m, z_m } => {
+                self.gauss_along(&panel, spectrum, |x| Ray::from_line((x_m, z_m), receiver, x))
+            }
+            Incident::Point { x_m, z_m, dy_m } => {
+                let dy_square = dy_m * dy_m;
+                self.gauss_along(&panel, spectrum, |x| Ray::from_point((x_m, z_m), receiver, dy_square, x))
+            }
+            Incident::Plane { s_x, s_y } => {
+                let sin_beta = (1.0 - s_y * s_y).sqrt();
+                let sin_i = s_x / sin_beta;
+                self.gauss_along(&panel, spectrum, |x| Ray::from_plane(sin_i, sin_beta, receiver, x))
+            }
+        }
+    }
+
+    /// The terms of [`value`](Self::value) with their common factors and no branches.
+    #[inline(always)]
+    fn gauss_along(&self, panel: &Panel<'_>, spectrum: &Spectrum, ray: impl Fn(f64) -> Ray) -> RaySum {
+        let centre = 0.5 * (spectrum.low_hz + spectrum.high_hz);
+        let ratio = 0.5 * (spectrum.high_hz - spectrum.low_hz) / centre;
+        let per_m = centre / spectrum.speed_m_s;
+        // sin(A) and sin(B)/B for h metres, B = ratio A: the phase at the centre and half its change over the band. The
+        // tiny number is the limit at 0.
+        let sines = |h: f64, delta: f64| {
+            let phase = 2.0 * PI * per_m * h * delta + 1e-150;
+            let change = ratio * phase + 1e-150;
+            (phase, sin_cos(phase).0, sin_cos(change).0 / change)
+        };
+        let separations = |h: f64, delta: f64| {
+            let (phase, sine, change) = sines(h, delta);
+            per_m * h * sine / phase * change
+        };
+        match (self.upper, self.lower, self.jamb) {
+            (Some(upper), None, Some(jamb)) => {
+                // An opening with itself and its nearest jamb: both have the phase of h = 2 L.
+                let side = upper.slope.signum() / PI;
+                panel.integrate(|x| {
+                    let r = ray(x);
+                    let h = 2.0 * (x - jamb).abs();
+                    let (phase, sine, change) = sines(h, r.delta());
+                    let area = 2.0 * per_m * h / phase * r.cos_sigma_square();
+                    r.spread * sine * change * (area - side / r.sin_beta)
+                })
+            }
+            (Some(upper), Some(lower), None) => panel.integrate(|x| {
+                let r = ray(x);
+                let delta = r.delta();
+                let weight = separations(upper.at(x), delta) - separations(lower.at(x), delta);
+                r.spread * self.multiplicity * weight * r.cos_sigma_square()
+            }),
+            (None, None, Some(jamb)) => panel.integrate(|x| {
+                let r = ray(x);
+                let (_, sine, change) = sines(2.0 * (x - jamb), r.delta());
+                -r.spread * sine * change / (PI * r.sin_beta)
+            }),
+            // `pairs` makes no other kinds for rigid jambs; this one sums all parts that there may be.
+            _ => panel.integrate(|x| self.value(x, &ray(x), spectrum, Jambs::Rigid)),
+        }
     }
 
     fn integrate(&self, crossing: &Crossing, spectrum: &Spectrum, jambs: Jambs, tolerance: f64) -> RaySum {

@@ -3,13 +3,16 @@
 pub mod aperture;
 pub mod crossing;
 pub mod edge;
+mod factors;
 mod hankel;
 pub mod mask;
 pub mod quadrature;
 pub mod rectangle;
+pub mod referee;
 pub mod scatter;
 pub mod slit;
 pub mod thick;
+mod two_edges;
 pub mod utd;
 pub mod utd_opening;
 pub mod wedge;

@@ -93,9 +93,12 @@ impl ExactSide {
 
     fn transfer(&self, crossing: &Crossing) -> f64 {
         match &self.deep {
-            Some((share, deep)) if *share == 1.0 => deep.transfer(crossing),
-            Some((share, deep)) => share * deep.transfer(crossing) + (1.0 - share) * self.thin.transfer(crossing),
-            None => self.thin.transfer(crossing),
+            Some((share, deep)) if *share == 1.0 => deep.transfer(crossing).norm_sqr(),
+            Some((share, deep)) => {
+                let [deep, thin] = [deep.transfer(crossing), self.thin.transfer(crossing)].map(|t| t.norm_sqr());
+                share * deep + (1.0 - share) * thin
+            }
+            None => self.thin.transfer(crossing).norm_sqr(),
         }
     }
 }

@@ -1,17 +1,17 @@
 //! Infinitely long openings in one plane: the exact aperture where they are narrow, the closed form where they are wide.
 
-use std::f64::consts::TAU;
 use std::num::NonZeroUsize;
 
 use gauss_quad::legendre::GaussLegendre;
+use num_complex::Complex64;
 
 use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
-use super::edge::AboutEdge;
 use super::mask::{Jambs, Mask};
 use super::quadrature::RaySum;
 use super::thick::{ThickAperture, is_thick};
-use super::wedge::{Wave, WedgeField, coherent};
+use super::two_edges::{edge_field, two_edges};
+use super::wedge::coherent;
 
 /// How an opening is modelled in one band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -28,16 +28,22 @@ pub enum Form {
 /// k times width below which the exact aperture is used; from three quarters of it on the closed form takes over
 /// smoothly. There both agree within 0.06 dB in octave bands up to 60 degrees off the normal (docs/verification.md).
 pub const NARROW_KA: f64 = 14.0;
-/// The same where the source or the receiver is so oblique that waves along the opening matter (multiple diffraction
-/// is not in the closed form), or two openings are seen from too near for the midpoint rule.
-pub const NARROW_KA_OBLIQUE: f64 = 60.0;
+/// The same where the source or the receiver is so oblique that waves along the opening matter, and for the narrowest
+/// member, opening or strip, of several openings.
+pub const NARROW_KA_OBLIQUE: f64 = 50.0;
 /// k times width up to which the exact aperture replaces a sum over signed rays that came out negative: for bands, which
 /// need many frequencies, and for tones.
 const AFFORDABLE_KA: [f64; 2] = [200.0, 800.0];
 /// Cosines of the angle off the normal, at any jamb, between which a direction turns oblique: 60 to 72.5 degrees.
 const OBLIQUE_COS: [f64; 2] = [0.3, 0.5];
-/// Distances over the span of several openings between which the midpoint rule of two openings turns good.
-const NEAR: [f64; 2] = [2.0, 4.0];
+/// Distances from the screen over the width of the opening between which a place is near.
+const NEAR: [f64; 2] = [0.4, 0.8];
+/// Sums of the cosines of incidence and emergence, at either jamb, between which an opening is passed along the screen
+/// before and behind. Such directions, and oblique ones, change so much over the opening that the closed form's
+/// midpoints fail.
+const GRAZING: [f64; 2] = [0.7, 1.0];
+/// k times the open width of several openings between which solving them exactly takes too long.
+const SOLVABLE: [f64; 2] = [300.0, 400.0];
 
 impl Form {
     /// The form for the narrowest of the `mask`'s openings in this band, whatever the directions.
@@ -45,7 +51,11 @@ impl Form {
         if single_edge(mask).is_some() {
             return Self::Edge;
         }
-        if narrowest_ka(mask, spectrum) < NARROW_KA { Self::Exact } else { Self::Closed }
+        let exact = match mask.openings().len() {
+            0 | 1 => narrowest_ka(mask, spectrum) < NARROW_KA,
+            _ => share_of_several(mask, spectrum) > 0.5,
+        };
+        if exact { Self::Exact } else { Self::Closed }
     }
 }
 
@@ -54,24 +64,30 @@ impl Form {
 /// 1 below [`NARROW_KA`], further up for directions along the screen; it falls smoothly, so that no level jumps while
 /// an opening widens or a probe moves.
 pub fn exact_share(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum) -> f64 {
+    let openings = mask.openings();
+    if openings.len() > 1 {
+        return share_of_several(mask, spectrum);
+    }
     let ka = narrowest_ka(mask, spectrum);
     if ka >= NARROW_KA_OBLIQUE {
         return 0.0;
     }
-    let openings = mask.openings();
-    let (Some(first), Some(last)) = (openings.first(), openings.last()) else { return 0.0 };
-    let span = last[1] - first[0];
-    let cosine = openings.iter().flatten().map(|&x| crossing.ray(x)).fold(1.0_f64, |c, r| c.min(r.cos_i).min(r.cos_o));
-    let mut along = fade(cosine, OBLIQUE_COS);
-    if openings.len() > 1 {
-        let before = match crossing.incident {
-            Incident::Line { z_m, .. } | Incident::Point { z_m, .. } => z_m,
-            Incident::Plane { .. } => f64::INFINITY,
-        };
-        along = along.max(fade(crossing.z_m.min(before) / span, NEAR));
-    }
+    let Some(opening) = openings.first() else { return 0.0 };
+    let along = off_axis(opening, crossing);
     let limit = NARROW_KA + (NARROW_KA_OBLIQUE - NARROW_KA) * along;
     fade(ka, [0.75 * limit, limit])
+}
+
+/// The same for several openings, from any direction.
+///
+/// Strips between openings count, too: waves run over them from jamb to jamb, and the closed form has none of these.
+fn share_of_several(mask: &Mask, spectrum: &Spectrum) -> f64 {
+    let openings = mask.openings();
+    let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
+    let strips = openings.windows(2).map(|w| k * (w[1][0] - w[0][1]));
+    let narrowest = strips.fold(narrowest_ka(mask, spectrum), f64::min);
+    let open: f64 = openings.iter().map(|o| o[1] - o[0]).sum();
+    fade(narrowest, [0.75 * NARROW_KA_OBLIQUE, NARROW_KA_OBLIQUE]) * fade(k * open, SOLVABLE)
 }
 
 /// 1 up to `range[0]`, 0 from `range[1]` on, smooth between.
@@ -81,7 +97,7 @@ pub(super) fn fade(x: f64, range: [f64; 2]) -> f64 {
 }
 
 /// The only jamb of a half-plane with the direction (sign of x) in which the screen lies; `None` for other masks.
-fn single_edge(mask: &Mask) -> Option<(f64, f64)> {
+pub(super) fn single_edge(mask: &Mask) -> Option<(f64, f64)> {
     match mask.openings() {
         [[low, high]] if low.is_finite() && high.is_infinite() => Some((*low, -1.0)),
         [[low, high]] if low.is_infinite() && high.is_finite() => Some((*high, 1.0)),
@@ -90,25 +106,9 @@ fn single_edge(mask: &Mask) -> Option<(f64, f64)> {
 }
 
 /// The exact half-plane with its edge at `edge_m` and its screen towards `side` of it.
-fn half_plane(edge_m: f64, side: f64, crossing: &Crossing, spectrum: &Spectrum) -> RaySum {
-    let mut across = *spectrum;
-    let (source, wave) = match crossing.incident {
-        Incident::Line { x_m, z_m } => (((x_m - edge_m) * side, z_m), Wave::Line),
-        Incident::Point { x_m, z_m, dy_m } => (((x_m - edge_m) * side, z_m), Wave::Point(dy_m)),
-        Incident::Plane { s_x, s_y } => {
-            // Only k sin(beta) counts across the edge.
-            let sin_beta = (1.0 - s_y * s_y).sqrt();
-            across.speed_m_s /= sin_beta;
-            let sin_i = s_x / sin_beta;
-            ((-sin_i * side, (1.0 - sin_i * sin_i).max(0.0).sqrt()), Wave::Plane)
-        }
-    };
-    // Angles from the face on the source's side, through the opening.
-    let r_m = if wave == Wave::Plane { f64::INFINITY } else { source.0.hypot(source.1) };
-    let source = AboutEdge { r_m, phi: source.1.atan2(source.0) };
-    let x = (crossing.x_m - edge_m) * side;
-    let receiver = AboutEdge { r_m: x.hypot(crossing.z_m), phi: TAU - crossing.z_m.atan2(x) };
-    let value = WedgeField::new(TAU, source, receiver, wave, &across).mean(&across, coherent);
+pub(super) fn half_plane(edge_m: f64, side: f64, crossing: &Crossing, spectrum: &Spectrum) -> RaySum {
+    let (field, across) = edge_field(edge_m, side, crossing, spectrum);
+    let value = field.mean(&across, coherent);
     RaySum { value, error: 1e-5 * value, absolute: value, rays: 0 }
 }
 
@@ -152,11 +152,16 @@ pub struct BandApertures {
     nodes: Vec<(f64, Solver)>,
 }
 
-enum Solver {
-    Thin(Aperture),
+/// An exact aperture, thin or deep, at one wave number.
+pub(super) enum Solver {
+    Thin(Box<Aperture>),
     Thick(Box<ThickAperture>),
 }
 
+/// Most frequencies a band for several openings: path differences of the farthest pairs, of which there are few, alias.
+const MOST_OF_SEVERAL: usize = 48;
+/// k times width from which a gap's resonances count less.
+const WIDE_GAP_KA: f64 = 14.0;
 /// Most frequencies a band for the resonances of a deep gap.
 pub(super) const MOST_FREQUENCIES: usize = 256;
 
@@ -166,39 +171,51 @@ impl BandApertures {
         let openings = mask.openings();
         let span = openings.last().map_or(0.0, |o| o[1]) - openings.first().map_or(0.0, |o| o[0]);
         let (low, high) = (spectrum.low_k() * sin_beta, spectrum.high_k() * sin_beta);
-        // |p|^2 varies over the band like cos(k d), d at most twice the span: Gauss nodes converge exponentially beyond
-        // half that phase.
-        let smooth = 0.7 * (high - low) * (span + thickness_m);
+        // |p|^2 varies over the band like cos(k d), d at most twice the span and the depth: Gauss nodes converge
+        // exponentially beyond a quarter of that phase.
+        let smooth = 0.5 * (high - low) * (span + thickness_m);
         let count =
             if high > low { 4 + (smooth + resonant(openings, thickness_m, low, high)).ceil() as usize } else { 1 };
-        let solver = |k: f64| match depth_counts(mask, thickness_m) {
-            true => Solver::Thick(Box::new(ThickAperture::new(openings, thickness_m, k))),
-            false => Solver::Thin(Aperture::new(openings, k)),
-        };
-        let nodes =
-            gauss_nodes(low, high, count.min(MOST_FREQUENCIES)).map(|(k, weight)| (weight, solver(k))).collect();
+        let solver = |k: f64| Solver::new(mask, thickness_m, k, 1);
+        let most = if openings.len() > 1 && thickness_m == 0.0 { MOST_OF_SEVERAL } else { MOST_FREQUENCIES };
+        let nodes = gauss_nodes(low, high, count.min(most)).map(|(k, weight)| (weight, solver(k))).collect();
         Self { nodes }
     }
 
     /// Band mean of the intensity relative to the source's free field at 1 m.
     pub fn intensity(&self, mask: &Mask, crossing: &Crossing) -> RaySum {
-        let spread = match crossing.incident {
-            // Across the edges like a line source; along them the way over the opening spreads, not the straight one.
-            Incident::Point { x_m, z_m, dy_m } => {
-                let straight = (crossing.x_m - x_m).hypot(crossing.z_m + z_m);
-                let over = over_m(mask, crossing);
-                over / ((over * over + dy_m * dy_m) * straight)
-            }
-            _ => crossing.free_intensity(),
-        };
-        let mean: f64 = self.nodes.iter().map(|(weight, solver)| weight * solver.transfer(crossing)).sum();
-        let value = mean * spread;
+        let mean: f64 = self.nodes.iter().map(|(weight, solver)| weight * solver.transfer(crossing).norm_sqr()).sum();
+        let value = mean * spread(mask, crossing);
         RaySum { value, error: 1e-5 * value, absolute: value, rays: self.nodes.len() }
     }
 }
 
+/// What |p/p_free|^2 in the plane across the edges is multiplied by to give the intensity.
+///
+/// A point source spreads across the edges like a line source; along them the way over the opening counts, not the
+/// straight one.
+pub(super) fn spread(mask: &Mask, crossing: &Crossing) -> f64 {
+    match crossing.incident {
+        Incident::Point { x_m, z_m, dy_m } => {
+            let straight = (crossing.x_m - x_m).hypot(crossing.z_m + z_m);
+            let over = over_m(mask, crossing);
+            over / ((over * over + dy_m * dy_m) * straight)
+        }
+        _ => crossing.free_intensity(),
+    }
+}
+
 impl Solver {
-    fn transfer(&self, crossing: &Crossing) -> f64 {
+    /// The equations at wave number `k` across the edges, with `finer` times as many unknowns as usual.
+    pub(super) fn new(mask: &Mask, thickness_m: f64, k: f64, finer: usize) -> Self {
+        match depth_counts(mask, thickness_m) {
+            true => Self::Thick(Box::new(ThickAperture::finer(mask.openings(), thickness_m, k, finer))),
+            false => Self::Thin(Box::new(Aperture::finer(mask.openings(), k, finer))),
+        }
+    }
+
+    /// p/|p_free| in the plane across the edges.
+    pub(super) fn transfer(&self, crossing: &Crossing) -> Complex64 {
         match self {
             Self::Thin(aperture) => aperture.transfer(crossing),
             Self::Thick(aperture) => aperture.transfer(crossing),
@@ -216,7 +233,9 @@ pub(super) fn resonant(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: 
     }
     let first = low.max(0.5 * std::f64::consts::PI / thickness_m);
     let narrowest = openings.iter().map(|o| o[1] - o[0]).fold(f64::INFINITY, f64::min);
-    3.0 * (high - low) * thickness_m / (first * narrowest).min(1.5)
+    // A wide gap sends back only modes near their cut-on, a share of 1/(k a) of the power.
+    let share = (WIDE_GAP_KA / (first * narrowest)).min(1.0);
+    3.0 * share * (high - low) * thickness_m / (first * narrowest).min(1.5)
 }
 
 /// Gauss-Legendre nodes on [low, high] with weights that sum to 1.
@@ -251,20 +270,48 @@ pub fn intensity<'a>(
     if share == 1.0 {
         return exact();
     }
-    let closed = mask.intensity(crossing, spectrum, Jambs::Rigid, tolerance);
+    let wide = wide(mask, crossing, spectrum, tolerance);
     // In the nulls of tones the closed form may miss more than there is.
     let affordable = AFFORDABLE_KA[usize::from(spectrum.low_hz == spectrum.high_hz)];
-    let share = if closed.value <= 0.0 && narrowest_ka(mask, spectrum) < affordable { 1.0 } else { share };
-    if share == 0.0 {
-        return closed;
+    let share = if wide.value <= 0.0 && narrowest_ka(mask, spectrum) < affordable { 1.0 } else { share };
+    if share == 0.0 { wide } else { mix(share, exact(), wide) }
+}
+
+/// Wide openings: the closed form; its two edges where one opening is passed at oblique angles.
+fn wide(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum, tolerance: f64) -> RaySum {
+    let closed = || mask.intensity(crossing, spectrum, Jambs::Rigid, tolerance);
+    let [opening] = mask.openings() else { return closed() };
+    if opening.iter().any(|x| x.is_infinite()) {
+        return closed();
     }
-    let exact = exact();
-    let mix = |exact: f64, closed: f64| share * exact + (1.0 - share) * closed;
+    let flattest = opening.map(|x| crossing.ray(x)).iter().fold(2.0_f64, |c, ray| c.min(ray.cos_i + ray.cos_o));
+    let share = fade(flattest, GRAZING).max(off_axis(opening, crossing));
+    match share {
+        0.0 => closed(),
+        1.0 => two_edges(*opening, crossing, spectrum),
+        _ => mix(share, two_edges(*opening, crossing, spectrum), closed()),
+    }
+}
+
+/// 1 where source or receiver are oblique or near to the opening, so that directions change much over it; 0 far about the
+/// normal, smooth between.
+fn off_axis(opening: &[f64; 2], crossing: &Crossing) -> f64 {
+    let cosine = opening.map(|x| crossing.ray(x)).iter().fold(1.0_f64, |c, r| c.min(r.cos_i).min(r.cos_o));
+    let before = match crossing.incident {
+        Incident::Line { z_m, .. } | Incident::Point { z_m, .. } => z_m,
+        Incident::Plane { .. } => f64::INFINITY,
+    };
+    fade(cosine, OBLIQUE_COS).max(fade(crossing.z_m.min(before) / (opening[1] - opening[0]), NEAR))
+}
+
+/// `share` of the first sum and the rest of the second.
+fn mix(share: f64, a: RaySum, b: RaySum) -> RaySum {
+    let mixed = |a: f64, b: f64| share * a + (1.0 - share) * b;
     RaySum {
-        value: mix(exact.value, closed.value),
-        error: mix(exact.error, closed.error),
-        absolute: mix(exact.absolute, closed.absolute),
-        rays: exact.rays + closed.rays,
+        value: mixed(a.value, b.value),
+        error: mixed(a.error, b.error),
+        absolute: mixed(a.absolute, b.absolute),
+        rays: a.rays + b.rays,
     }
 }
 

@@ -16,11 +16,13 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use nalgebra::{DMatrix, DVector, Dyn, LU};
+use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
-use super::aperture::{EULER_GAMMA, hankel0, line_transfer};
+use super::aperture::{EULER_GAMMA, distances, line_transfer};
 use super::crossing::{Crossing, Incident};
+use super::factors::{Factors, mirrored};
+use super::hankel::{hankel0, hankel0_each, sin_cos};
 
 /// Exponent of the grading: v dx/ds vanishes like s^(2 q/3 - 1) at the jambs.
 const GRADING: i32 = 6;
@@ -57,17 +59,10 @@ pub struct ThickAperture {
     odd: Factors,
 }
 
-/// A factorised matrix.
-enum Factors {
-    Whole(LU<Complex64, Dyn, Dyn>),
-    /// One that mirroring x leaves as it is: for symmetric and antisymmetric vectors, a quarter of the work.
-    Mirrored(LU<Complex64, Dyn, Dyn>, LU<Complex64, Dyn, Dyn>),
-}
-
 /// Half the number of intervals for an opening of width `ka` (k times width) and `flatness` (width over depth, at which scale
 /// its modes fade): the level behind it is converged to 0.02 dB.
 fn half_intervals(ka: f64, flatness: f64) -> usize {
-    12 + (0.6 * ka + 0.25 * flatness).ceil() as usize
+    12 + (0.42 * ka + 0.25 * flatness).ceil() as usize
 }
 
 /// Kress' sigmoidal map of s in 0..2 pi on 0..1 and its derivative.
@@ -115,11 +110,16 @@ impl ThickAperture {
     /// Sets up and factorises the equations for disjoint, finite openings (limits in m) through a wall of
     /// `thickness_m` > 0 at wave number `k` in 1/m.
     pub fn new(openings: &[[f64; 2]], thickness_m: f64, k: f64) -> Self {
+        Self::finer(openings, thickness_m, k, 1)
+    }
+
+    /// The same with `finer` times as many nodes.
+    pub(super) fn finer(openings: &[[f64; 2]], thickness_m: f64, k: f64, finer: usize) -> Self {
         let mut mouths: Vec<Mouth> = Vec::new();
         let mut total = 0;
         for &opening in openings {
             let width_m = opening[1] - opening[0];
-            let half = half_intervals(k * width_m, width_m / thickness_m);
+            let half = finer * half_intervals(k * width_m, width_m / thickness_m);
             mouths.push(Mouth { start: total, half, width_m, nodes: nodes(opening, half) });
             total += 2 * half - 1;
         }
@@ -138,25 +138,29 @@ impl ThickAperture {
         for mouth in &mouths {
             mouth.add(k, thickness_m, &mut even, &mut odd);
         }
-        let mirrored = mouths.len() == 1;
+        let mirrored = mirrored(openings);
         Self { k, thickness_m, mouths, even: Factors::new(even, mirrored), odd: Factors::new(odd, mirrored) }
     }
 
-    /// |p/p_free|^2 of `crossing`, whose distances count from the middle of the wall; p_free is the field with the wall
+    /// p/|p_free| of `crossing`, whose distances count from the middle of the wall; p_free is the field with the wall
     /// taken away.
-    pub fn transfer(&self, crossing: &Crossing) -> f64 {
+    pub fn transfer(&self, crossing: &Crossing) -> Complex64 {
         let depth = 0.5 * self.thickness_m;
         match crossing.incident {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
                 line_transfer(self.k, (x_m, z_m), (crossing.x_m, crossing.z_m), |far, near| {
-                    let strengths = self.solve(|x| 0.5 * HALF_I * hankel0(self.k * (x - far.0).hypot(far.1 - depth)));
+                    let phases = distances(&self.positions(), self.k, far.0, far.1 - depth);
+                    let strengths = self.solve(hankel0_each(&phases).iter().map(|h| 0.5 * HALF_I * h).collect());
                     self.pressure(&strengths, near.0, near.1 - depth)
                 })
             }
             Incident::Plane { s_x, s_y } => {
                 let k_x = self.k * s_x / (1.0 - s_y * s_y).sqrt();
-                let strengths = self.solve(|x| Complex64::from_polar(1.0, k_x * x));
-                self.pressure(&strengths, crossing.x_m, crossing.z_m - depth).norm_sqr()
+                // The wave front through the middle of the wall has phase 0.
+                let early = depth * (self.k * self.k - k_x * k_x).max(0.0).sqrt();
+                let wave = |x: &f64| Complex64::from_polar(1.0, k_x * x - early);
+                let strengths = self.solve(self.positions().iter().map(wave).collect());
+                self.pressure(&strengths, crossing.x_m, crossing.z_m - depth)
             }
         }
     }
@@ -164,8 +168,8 @@ impl ThickAperture {
     /// Far-field amplitude in m towards sin(theta_o) of a unit plane wave from sin(theta_i), as
     /// [`Solution::far_amplitude`](super::aperture::Solution::far_amplitude).
     pub fn far_amplitude(&self, sin_i: f64, sin_o: &[f64]) -> Vec<Complex64> {
-        let strengths = self.solve(|x| Complex64::from_polar(1.0, self.k * x * sin_i));
-        let nodes: Vec<f64> = self.mouths.iter().flat_map(|m| &m.nodes).map(|n| n.x_m).collect();
+        let nodes = self.positions();
+        let strengths = self.solve(nodes.iter().map(|x| Complex64::from_polar(1.0, self.k * x * sin_i)).collect());
         let towards = |sin_o: f64| {
             nodes
                 .iter()
@@ -176,10 +180,14 @@ impl ThickAperture {
         sin_o.iter().map(|s| towards(*s) / TAU).collect()
     }
 
-    /// v dx/ds times the step at the nodes of the far mouth, for the incident pressure `p_inc(x)` at the near one.
-    fn solve(&self, p_inc: impl Fn(f64) -> Complex64) -> Vec<Complex64> {
-        let positions = self.mouths.iter().flat_map(|m| &m.nodes).map(|n| p_inc(n.x_m));
-        let right = DVector::from_vec(positions.collect());
+    /// The nodes' places across the openings in m.
+    fn positions(&self) -> Vec<f64> {
+        self.mouths.iter().flat_map(|m| &m.nodes).map(|n| n.x_m).collect()
+    }
+
+    /// v dx/ds times the step at the nodes of the far mouth, for the incident pressure at those of the near one.
+    fn solve(&self, p_inc: Vec<Complex64>) -> Vec<Complex64> {
+        let right = DVector::from_vec(p_inc);
         let leaving = self.odd.solve(&right) - self.even.solve(&right);
         let steps = self.mouths.iter().flat_map(|m| m.nodes.iter().map(|_| PI / m.half as f64));
         leaving.iter().zip(steps).map(|(v, step)| v * step).collect()
@@ -187,68 +195,25 @@ impl ThickAperture {
 
     /// Pressure at (x, z), z > 0 behind the far mouth, in m.
     fn pressure(&self, strengths: &[Complex64], x_m: f64, z_m: f64) -> Complex64 {
-        let sum_over = |places: &mut dyn Iterator<Item = (f64, Complex64)>| -> Complex64 {
-            places.map(|(x, s)| hankel0(self.k * (x_m - x).hypot(z_m)) * s).sum()
+        let sum_over = |places: &[f64], strengths: &[Complex64]| -> Complex64 {
+            hankel0_each(&distances(places, self.k, x_m, z_m)).iter().zip(strengths).map(|(h, s)| h * s).sum()
         };
         let mut sum = Complex64::ZERO;
         for mouth in &self.mouths {
             let own = &strengths[mouth.start..mouth.start + mouth.nodes.len()];
-            let nearest = mouth.nodes.iter().map(|n| (x_m - n.x_m).hypot(z_m)).fold(f64::INFINITY, f64::min);
+            let places: Vec<f64> = mouth.nodes.iter().map(|n| n.x_m).collect();
+            let nearest = distances(&places, 1.0, x_m, z_m).into_iter().fold(f64::INFINITY, f64::min);
             // In the middle the nodes are twice as far apart as even ones.
             let spacing = mouth.width_m / mouth.half as f64;
             sum += if nearest > RESOLVED * spacing {
-                sum_over(&mut mouth.nodes.iter().map(|n| n.x_m).zip(own.iter().copied()))
+                sum_over(&places, own)
             } else {
                 let finer = (RESOLVED * spacing / nearest.max(1e-6 * spacing)).ceil().min(MOST_FINER) as usize;
-                sum_over(&mut mouth.refined(own, finer).into_iter())
+                let (places, own): (Vec<f64>, Vec<Complex64>) = mouth.refined(own, finer).into_iter().unzip();
+                sum_over(&places, &own)
             };
         }
         HALF_I * sum
-    }
-}
-
-impl Factors {
-    fn new(matrix: DMatrix<Complex64>, mirrored: bool) -> Self {
-        if !mirrored {
-            return Self::Whole(matrix.lu());
-        }
-        let (n, half) = (matrix.nrows(), matrix.nrows() / 2);
-        let part = |size: usize, sign: f64| {
-            let folded = |i: usize, j: usize| match n - 1 - j == j {
-                true => matrix[(i, j)],
-                false => matrix[(i, j)] + sign * matrix[(i, n - 1 - j)],
-            };
-            DMatrix::from_fn(size, size, folded).lu()
-        };
-        Self::Mirrored(part(n - half, 1.0), part(half, -1.0))
-    }
-
-    /// The equations are uniquely solvable; a failed factorisation means empty openings: silence.
-    fn solve(&self, right: &DVector<Complex64>) -> DVector<Complex64> {
-        let solved = |factors: &LU<Complex64, Dyn, Dyn>, right: &DVector<Complex64>| {
-            factors.solve(right).unwrap_or_else(|| DVector::zeros(right.len()))
-        };
-        match self {
-            Self::Whole(factors) => solved(factors, right),
-            Self::Mirrored(symmetric, antisymmetric) => {
-                let n = right.len();
-                let half =
-                    |size: usize, sign: f64| DVector::from_fn(size, |i, _| 0.5 * (right[i] + sign * right[n - 1 - i]));
-                let same = solved(symmetric, &half(n - n / 2, 1.0));
-                let opposite = solved(antisymmetric, &half(n / 2, -1.0));
-                DVector::from_fn(n, |i, _| {
-                    let mirror = n - 1 - i;
-                    let odd = if i < n / 2 {
-                        opposite[i]
-                    } else if mirror < n / 2 {
-                        -opposite[mirror]
-                    } else {
-                        Complex64::ZERO
-                    };
-                    same[i.min(mirror)] + odd
-                })
-            }
-        }
     }
 }
 
@@ -259,50 +224,60 @@ impl Mouth {
         let step = PI / self.half as f64;
         // What the modes add to their asymptote a/(m pi), m = 1, 2, ...: it falls like m^-3 once a mode fades in the gap.
         let count = 40 + (2.0 * k * a / PI + 8.0 * a / (PI * thickness_m)).ceil() as usize;
-        let modes: Vec<[f64; 2]> = (0..count)
-            .map(|m| {
-                let z = impedances(k, m as f64 * PI / a, thickness_m);
-                if m == 0 { z.map(|z| z / a) } else { z.map(|z| 2.0 * (z - a / (m as f64 * PI)) / a) }
-            })
-            .collect();
-        let shapes: Vec<Vec<f64>> =
-            self.nodes.iter().map(|p| (0..count).map(|m| (m as f64 * PI * p.low).cos()).collect()).collect();
-        // Weights of ln(4 sin^2((s - s')/2)) by |i - j| (Kress 1989, eq. 12.19 for 2 half nodes).
-        let logarithm: Vec<f64> = (0..n)
+        // Everything is the same seen from the other jamb: half of the nodes, and even and odd modes apart.
+        let half = n.div_ceil(2);
+        let shares = |parity: usize, which: usize| {
+            let modes = (parity..count).step_by(2);
+            let shapes =
+                DMatrix::from_fn(half, modes.len(), |i, m| sin_cos((2 * m + parity) as f64 * PI * self.nodes[i].low).1);
+            let mut weighted = shapes.clone();
+            for (mut column, m) in weighted.column_iter_mut().zip(modes) {
+                let z = impedances(k, m as f64 * PI / a, thickness_m)[which];
+                column *= if m == 0 { z / a } else { 2.0 * (z - a / (m as f64 * PI)) / a };
+            }
+            shapes * weighted.transpose()
+        };
+        let own = [0, 1].map(|which| [shares(0, which), shares(1, which)]);
+        // ln(4 sin^2((s - s')/2)) by |i - j|, and its quadrature weights (Kress 1989, eq. 12.19 for 2 half nodes).
+        let cosines: Vec<f64> = (0..2 * self.half).map(|d| (d as f64 * step).cos()).collect();
+        let logarithm: Vec<(f64, f64)> = (0..n)
             .map(|d| {
-                let series: f64 = (1..self.half).map(|m| (m as f64 * d as f64 * step).cos() / m as f64).sum();
+                let series: f64 = (1..self.half).map(|m| cosines[m * d % cosines.len()] / m as f64).sum();
                 let last = if d % 2 == 0 { 1.0 } else { -1.0 };
-                -2.0 * step * series - last * step / self.half as f64
+                let periodic = if d == 0 { 0.0 } else { (4.0 * (0.5 * d as f64 * step).sin().powi(2)).ln() };
+                (periodic, -2.0 * step * series - last * step / self.half as f64)
             })
             .collect();
-        for i in 0..n {
-            for j in 0..=i {
+        // sin(pi/2 share): sin(pi/2 (p - q)) sin(pi/2 (p + q)) is the difference of their squares.
+        let sines: Vec<[f64; 2]> = self.nodes.iter().map(|p| [p.low, p.high].map(|x| (FRAC_PI_2 * x).sin())).collect();
+        for i in 0..half {
+            for j in i..n - i {
                 let (p, q) = (&self.nodes[i], &self.nodes[j]);
-                // Differences and sums of shares from the nearer jamb, free of cancellation.
-                let (apart, mirrored) = match p.low < 0.5 && q.low < 0.5 {
-                    true => ((p.low - q.low).abs(), p.low + q.low),
-                    false => ((p.high - q.high).abs(), p.high + q.high),
-                };
-                let image = -(2.0 * (FRAC_PI_2 * mirrored).sin().abs()).ln() / PI;
+                let (periodic, weight) = logarithm[j - i];
                 let (j0, rest) = if i == j {
                     let outside = Complex64::new(-((0.5 * k * p.slope_m).ln() + EULER_GAMMA) / PI, 0.5);
-                    (1.0, outside - (PI * p.slope_m / a).ln() / PI)
+                    let image = (2.0 * (PI * p.low).sin()).ln();
+                    (1.0, outside - ((PI * p.slope_m / a).ln() + image) / PI)
                 } else {
+                    // From the nearer jamb, free of cancellation.
+                    let (apart, near) = if q.low < 0.5 { (q.low - p.low, 0) } else { (p.high - q.high, 1) };
                     let h = HALF_I * hankel0(k * a * apart);
-                    let j0 = libm::j0(k * a * apart);
-                    let inside = -(2.0 * (FRAC_PI_2 * apart).sin()).ln() / PI;
-                    let periodic = (4.0 * (0.5 * (i - j) as f64 * step).sin().powi(2)).ln();
-                    (j0, h + inside + (j0 + 1.0) * periodic / TAU)
+                    let (s, t) = (sines[i][near], sines[j][near]);
+                    let inside_and_image = (4.0 * ((s - t) * (s + t)).abs()).ln();
+                    // (i/2) H0 has J0/2 as its imaginary part.
+                    let j0 = 2.0 * h.im;
+                    (j0, h - inside_and_image / PI + (j0 + 1.0) * periodic / TAU)
                 };
-                let common = step * (rest + image) - (j0 + 1.0) * logarithm[i - j] / TAU;
-                let (mut own_even, mut own_odd) = (0.0, 0.0);
-                for ((z, p), q) in modes.iter().zip(&shapes[i]).zip(&shapes[j]) {
-                    own_even += z[0] * p * q;
-                    own_odd += z[1] * p * q;
-                }
-                for (matrix, own) in [(&mut *even, own_even), (&mut *odd, own_odd)] {
-                    matrix[(self.start + i, self.start + j)] = common + step * own;
-                    matrix[(self.start + j, self.start + i)] = common + step * own;
+                let common = step * rest - (j0 + 1.0) * weight / TAU;
+                for (matrix, [same, opposite]) in [&mut *even, &mut *odd].into_iter().zip(&own) {
+                    let modes = match j < half {
+                        true => same[(i, j)] + opposite[(i, j)],
+                        false => same[(i, n - 1 - j)] - opposite[(i, n - 1 - j)],
+                    };
+                    let value = common + step * modes;
+                    for (row, column) in [(i, j), (j, i), (n - 1 - i, n - 1 - j), (n - 1 - j, n - 1 - i)] {
+                        matrix[(self.start + row, self.start + column)] = value;
+                    }
                 }
             }
         }

@@ -1,0 +1,102 @@
+//! Levels per second behind slits by every form, and what their tables cost: `cargo bench --bench slits`.
+
+use diffray::wbsdf::crossing::{Crossing, Incident, Spectrum};
+use diffray::wbsdf::mask::{Jambs, Mask};
+use diffray::wbsdf::referee::exact_intensity;
+use diffray::wbsdf::slit::{BandApertures, intensity};
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+
+const TOLERANCE: f64 = 2e-3;
+/// The octave about 1 kHz.
+const OCTAVE: Spectrum = Spectrum { low_hz: 707.106781, high_hz: 1414.213562, speed_m_s: 343.0 };
+
+fn slit(width_m: f64) -> Mask {
+    Mask::new(&[[-0.5 * width_m, 0.5 * width_m]])
+}
+
+/// An opening of this k times width in the octave about 1 kHz.
+fn of_ka(ka: f64) -> Mask {
+    slit(2.0 * ka / (OCTAVE.low_k() + OCTAVE.high_k()))
+}
+
+/// Line sources and receivers between these angles (degrees) off the normal, 0.5 to 8 m away.
+fn crossings(angles: [f64; 2]) -> Vec<Crossing> {
+    (0..64)
+        .map(|i| {
+            // Steps of the golden ratio: spread evenly, the same in every run.
+            let share = |n: f64| (n * 0.618_033_988_749_895 * f64::from(i + 1)).fract();
+            let place = |a: f64, r: f64, side: f64| {
+                let angle = (angles[0] + share(a) * (angles[1] - angles[0])).to_radians() * side;
+                let distance_m = 0.5 * 16.0_f64.powf(share(r));
+                (distance_m * angle.sin(), distance_m * angle.cos())
+            };
+            let (source, receiver) = (place(1.0, 2.0, -1.0), place(3.0, 5.0, if i % 2 == 0 { 1.0 } else { -1.0 }));
+            let incident = Incident::Line { x_m: source.0, z_m: source.1 };
+            Crossing { incident, x_m: receiver.0, z_m: receiver.1 }
+        })
+        .collect()
+}
+
+#[divan::bench(args = [14.0, 30.0, 100.0, 300.0])]
+fn signed_rays_of_an_octave(bencher: Bencher, ka: f64) {
+    let (mask, crossings) = (of_ka(ka), crossings([0.0, 60.0]));
+    bencher.counter(ItemsCount::new(crossings.len())).bench_local(|| {
+        crossings.iter().map(|c| mask.intensity(black_box(c), &OCTAVE, Jambs::Rigid, TOLERANCE).value).sum::<f64>()
+    });
+}
+
+#[divan::bench(args = [1.0, 8.0, 14.0, 40.0, 100.0])]
+fn levels_along_the_screen(bencher: Bencher, ka: f64) {
+    let (mask, crossings) = (of_ka(ka), crossings([75.0, 85.0]));
+    let tables = BandApertures::new(&mask, 0.0, &OCTAVE, 1.0);
+    bencher.counter(ItemsCount::new(crossings.len())).bench_local(|| {
+        let level = |c: &Crossing| intensity(&mask, 0.0, black_box(c), &OCTAVE, || Some(&tables), TOLERANCE).value;
+        crossings.iter().map(level).sum::<f64>()
+    });
+}
+
+#[divan::bench(args = [0.1, 1.0, 5.0, 10.0])]
+fn exact_apertures(bencher: Bencher, ka: f64) {
+    let (mask, crossings) = (of_ka(ka), crossings([0.0, 60.0]));
+    let tables = BandApertures::new(&mask, 0.0, &OCTAVE, 1.0);
+    bencher
+        .counter(ItemsCount::new(crossings.len()))
+        .bench_local(|| crossings.iter().map(|c| tables.intensity(&mask, black_box(c)).value).sum::<f64>());
+}
+
+#[divan::bench(args = [1.0, 14.0, 100.0], sample_count = 3, sample_size = 1)]
+fn referee(bencher: Bencher, ka: f64) {
+    let (mask, crossing) = (of_ka(ka), crossings([0.0, 60.0])[0]);
+    bencher
+        .counter(ItemsCount::new(1usize))
+        .bench_local(|| exact_intensity(&mask, 0.0, black_box(&crossing), &OCTAVE).value);
+}
+
+fn octaves() -> [Spectrum; 8] {
+    std::array::from_fn(|i| {
+        let centre = 62.5 * f64::powi(2.0, i as i32);
+        Spectrum { low_hz: centre / 2f64.sqrt(), high_hz: centre * 2f64.sqrt(), speed_m_s: 343.0 }
+    })
+}
+
+fn tables(mask: &Mask, thickness_m: f64) -> Vec<BandApertures> {
+    octaves().iter().map(|s| BandApertures::new(black_box(mask), thickness_m, s, 1.0)).collect()
+}
+
+#[divan::bench(args = [0.005, 0.1, 0.3, 0.9], sample_count = 5, sample_size = 1)]
+fn tables_of_a_gap_in_a_wall_of_0_1_m(bencher: Bencher, width_m: f64) {
+    let mask = slit(width_m);
+    bencher.bench_local(|| tables(&mask, 0.1));
+}
+
+#[divan::bench(sample_count = 3, sample_size = 1)]
+fn tables_of_twenty_slats(bencher: Bencher) {
+    let gaps: Vec<[f64; 2]> = (0..21).map(|i| [0.1 * f64::from(i), 0.1 * f64::from(i) + 0.05]).collect();
+    let mask = Mask::new(&gaps);
+    bencher.bench_local(|| tables(&mask, 0.0));
+}
+
+fn main() {
+    divan::main();
+}
