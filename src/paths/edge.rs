@@ -307,14 +307,13 @@ impl Bend<'_> {
         let turn = self.turned(k * self.sin_beta) * amplitude;
         let mut sent =
             Sent { incident: d.incident * turn, faces: [0, 1].map(|f| d.faces[f] * turn * self.faces[f][band]) };
-        let [on_shadow, on_reflection] = self.field.undecided();
-        let missing = |found: bool| if found { -0.5 } else { 0.5 };
-        if on_shadow {
-            sent.incident += missing(lit) * amplitude * self.direct(k);
+        let [direct, reflection] = self.field.missing([lit, reflected]);
+        if direct != 0.0 {
+            sent.incident += direct * amplitude * self.direct(k);
         }
-        if on_reflection {
+        if reflection != 0.0 {
             let nearer = usize::from(self.from.phi + self.to.phi > self.edge.exterior_angle);
-            sent.faces[nearer] += missing(reflected) * amplitude * self.faces[nearer][band] * self.reflection(k);
+            sent.faces[nearer] += reflection * amplitude * self.faces[nearer][band] * self.reflection(k);
         }
         sent
     }

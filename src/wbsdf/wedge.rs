@@ -58,6 +58,10 @@ pub struct WedgeField {
     direct: (f64, f64),
     /// The same for the wave reflected by the nearer face.
     reflected: (f64, f64),
+    /// Whether both stand exactly on their boundary and the way over the edge (or its very end) is there.
+    on_boundary: [bool; 2],
+    /// Whether the way over the edge leads over its end.
+    at_end: bool,
 }
 
 /// An integral along one path of steepest descent.
@@ -201,7 +205,7 @@ impl WedgeField {
         let integrand = Integrand { wave, nu, over_m, radii_m, phases, halves, felt, rising_per_m, falling_per_m2 };
         let mut branches = Vec::with_capacity(3);
         let etas: [f64; 2] = ends_m.map(|z| if z.is_finite() { (z / r_s).asinh() + ((z - dz) / r).asinh() } else { z });
-        let over_edge = etas[0] < 0.0 && etas[1] > 0.0;
+        let over_edge = etas[0] < -ON_BOUNDARY && etas[1] > ON_BOUNDARY;
         if over_edge {
             branches.push(integrand.branch(0.0, over_m, 1.0, spectrum));
         }
@@ -225,19 +229,23 @@ impl WedgeField {
             _ => ((r - r_s).powi(2) + 4.0 * r * r_s * (0.5 * angle).sin().powi(2) + dz * dz).sqrt(),
         };
         let seen = |angle: f64| match PI - angle {
-            margin if over_edge && margin.abs() < ON_BOUNDARY => 0.5,
+            margin if margin.abs() < ON_BOUNDARY => 0.5,
             margin if margin > 0.0 => 1.0,
             _ => 0.0,
         };
         // The image in the far face stands at 2 theta_w - phi_s.
         let over_far = 2.0 * exterior_angle - sum;
         let image = sum.min(over_far);
+        let at_end = etas.iter().any(|eta| eta.abs() < ON_BOUNDARY);
+        let on_boundary = [difference.abs(), image].map(|angle| seen(angle) == 0.5 && (over_edge || at_end));
         Self {
             wave,
             over_m,
             branches,
             direct: (straight(difference), seen(difference.abs())),
             reflected: (straight(image), seen(image)),
+            on_boundary,
+            at_end,
         }
     }
 
@@ -312,10 +320,16 @@ impl WedgeField {
         [self.direct.0, self.reflected.0]
     }
 
-    /// Whether the direct and the reflected sound stand exactly on their boundary: half of each is then to be seen, and
-    /// [`WedgeField::diffracted`] has nothing of it.
-    pub fn undecided(&self) -> [bool; 2] {
-        [self.direct.1 == 0.5, self.reflected.1 == 0.5]
+    /// What is missing from [`WedgeField::diffracted`] of direct and reflected sound exactly on their boundaries, where the sign
+    /// of half of them is undecided; `found`: whether they are found. 0 elsewhere.
+    ///
+    /// Past the corner of a wall three quarters of the sound are seen, which two edges share.
+    pub fn missing(&self, found: [bool; 2]) -> [f64; 2] {
+        [0, 1].map(|n| match (self.on_boundary[n], self.at_end) {
+            (false, _) => 0.0,
+            (true, false) => 0.5 - f64::from(u8::from(found[n])),
+            (true, true) => 0.5 * (0.75 - f64::from(u8::from(found[n]))),
+        })
     }
 
     /// |p|^2 of the source's free field over `length_m` at wave number `k`, in the unit of [`Parts`].
