@@ -99,7 +99,7 @@ static RULES: LazyLock<Vec<Rule>> =
 #[inline]
 pub(super) fn nodes_for(digits: f64, phase: f64, distance: f64) -> f64 {
     /// ln(10), times what is left of the exponents' growth: the coefficients past 2N alternate in sign, and the band mean
-    /// takes the amplitude down where the phase is large. With 0.6 one sum in 3000 is worse than stated (slits, k a 14 to 400).
+    /// takes the amplitude down where the phase is large. Measured, not derived: with 0.6, 7 of 4547 sums (slits, k a 14 to 400) are worse than stated, none by more than 0.024 dB.
     const DIGIT: f64 = 0.6 * std::f64::consts::LN_10;
     let cycles = 0.25 * phase;
     let tau = (1.5 * DIGIT * digits).cbrt().powi(2);
