@@ -57,9 +57,8 @@ fn levels_round_a_barrier_that_ends_have_no_steps() {
 
 #[test]
 fn a_ray_that_hits_a_corner_exactly_is_no_louder_than_its_neighbours() {
-    let room = head("octave", 1000.0)
-        + &wall([-2.0, 2.0], [0.0, 3.0], "rigid")
-        + &source("point", [1.5, 1.5, 2.4], [0.0; 3]);
+    let room =
+        head("octave", 1000.0) + &wall([-2.0, 2.0], [0.0, 3.0], "rigid") + &source("point", [1.5, 1.5, 2.4], [0.0; 3]);
     let walk = walk(&room, [2.499, -1.5, 3.6], [1.0, 0.0, 0.0], 3);
     // Three quarters of the sound are seen past a square corner; past one that is seen obliquely a little more or less.
     assert!((walk[1] - 0.5 * (walk[0] + walk[2])).abs() < 0.5, "{walk:?}");
@@ -94,7 +93,8 @@ fn a_black_screen_leaves_half_the_amplitude_on_its_shadow_boundary() {
     // Without the terms of the faces only the incident pair is left: exactly half of the direct sound on the boundary.
     let place = |y: f64| source("point", [-1.0, 2.0, 0.0], [0.0; 3]) + &probe("p", [1.0, y, 0.3]);
     for f in [125.0, 2000.0] {
-        let room = |material: &str, y: f64| head("octave", f) + &wall([-300.0, 0.0], [-300.0, 300.0], material) + &place(y);
+        let room =
+            |material: &str, y: f64| head("octave", f) + &wall([-300.0, 0.0], [-300.0, 300.0], material) + &place(y);
         let free = -10.0 * (4.0 + 16.0 + 0.09_f64).log10();
         let soft = level(&room("soft", -2.0));
         assert!((soft - free + 20.0 * 2f64.log10()).abs() < 2e-3, "{f} Hz: {soft} {free}");

@@ -235,7 +235,19 @@ impl<'a> Ends<'_, 'a> {
         let field = WedgeField::between(edge.exterior_angle, about(&from), about(&to), wave, ends_m, &all);
         let faces = [0, 1].map(|face| reflection_factors(scene, geometry, edge, face));
         let rays = utd.then(|| WedgeRays::new(edge.exterior_angle, about(&from), about(&to), wave));
-        Some(Bend { edge, from, to, field, length_m, straight_m, sin_beta, factors, faces, rays, line: wave == wedge::Wave::Line })
+        Some(Bend {
+            edge,
+            from,
+            to,
+            field,
+            length_m,
+            straight_m,
+            sin_beta,
+            factors,
+            faces,
+            rays,
+            line: wave == wedge::Wave::Line,
+        })
     }
 }
 
@@ -298,8 +310,7 @@ impl Bend<'_> {
                 let k = k * self.sin_beta;
                 // The rays of a line source lack the phase of H0.
                 let turn = if self.line { -FRAC_PI_4 } else { 0.0 };
-                let incident =
-                    rays.field(k).diffracted * Complex64::from_polar(1.0, turn - k * self.field.over_m());
+                let incident = rays.field(k).diffracted * Complex64::from_polar(1.0, turn - k * self.field.over_m());
                 Diffracted { incident, faces: [Complex64::ZERO; 2] }
             }
         };
@@ -465,8 +476,8 @@ impl Group<'_, '_> {
         };
         // What belongs to the direct way, and what to each reflection: the face's own wave with those of the edges.
         let mut about: Vec<Ray> = Vec::with_capacity(self.bends.len());
-        let mut faces: Vec<(Option<Ray>, Vec<Ray>, Vec<usize>)> = vec![Default::default(); reflected.len()];
-        for (e, bend) in self.bends.iter().enumerate() {
+        let mut faces: Vec<(Option<Ray>, Vec<Ray>)> = vec![Default::default(); reflected.len()];
+        for bend in self.bends {
             let found = |face: usize| reflected.iter().position(|(plane, _)| *plane == bend.edge.planes[face]);
             let share = |way_m: f64| coherent(bend.way_m(way_m), bend.length_m);
             let sent = bend.sent(band, k, straight.is_some(), found(0).or(found(1)).is_some(), share);
@@ -475,16 +486,9 @@ impl Group<'_, '_> {
             for (face, pressure) in sent.faces.into_iter().enumerate() {
                 match found(face) {
                     Some(n) => {
-                        let (reflection, rays, edges) = &mut faces[n];
+                        let (reflection, rays) = &mut faces[n];
                         reflection.get_or_insert_with(|| bend.reflection_of(reflected[n].1[band], k));
-                        // Both sides of a thin wall are one plane.
-                        match rays.last_mut().filter(|_| edges.last() == Some(&e)) {
-                            Some(ray) => ray.pressure += pressure,
-                            None => {
-                                rays.push(ray(pressure));
-                                edges.push(e);
-                            }
-                        }
+                        rays.push(ray(pressure));
                     }
                     // Beyond the order a reflection is left to the traced rays, and so is what the edge changes of it.
                     None if !self.may_reflect && bend.field.reflects() => {}
@@ -506,23 +510,24 @@ impl Group<'_, '_> {
                 }
             }
         }
-        for (n, (reflection, rays, edges)) in faces.iter().enumerate() {
+        for (n, (reflection, rays)) in faces.iter().enumerate() {
             let Some(reflection) = reflection else { continue };
             changes.faces[n][band] += scale * (alone(rays) + rays.iter().map(|r| both(reflection, r)).sum::<f64>());
-            // Near the reflection boundary the edge joins the direct sound and the reflection.
-            let (mut cross, mut joins) = (0.0, 0.0_f64);
-            for (r, &e) in rays.iter().zip(edges) {
-                let detour_m = r.length_m - reflection.length_m;
-                let joined = coherence(detour_m, 0.5 * (spectrum.low_hz + spectrum.high_hz), spectrum, JOINED_FRESNEL);
-                cross += joined * (product(&about[e], r) + product(&about[e], reflection));
-                if let Some(direct) = &straight {
-                    let joined = joined * coherent(r.length_m, direct.length_m);
-                    cross += joined * product(direct, r);
-                    joins = joins.max(joined);
+            // Near the reflection boundary an edge joins the direct sound and the reflection.
+            let hz = 0.5 * (spectrum.low_hz + spectrum.high_hz);
+            let joined = |r: &Ray| coherence(r.length_m - reflection.length_m, hz, spectrum, JOINED_FRESNEL);
+            let cross_with = |a: &Ray| {
+                let (mut cross, mut most) = (0.0, 0.0_f64);
+                for r in rays {
+                    let weight = joined(r) * coherent(a.length_m, r.length_m);
+                    cross += weight * product(a, r);
+                    most = most.max(weight);
                 }
-            }
+                cross + most * product(a, reflection)
+            };
+            let cross: f64 = about.iter().chain(&straight).map(cross_with).sum();
             match &straight {
-                Some(direct) => changes.straight[band] += scale * (cross + joins * product(direct, reflection)),
+                Some(_) => changes.straight[band] += scale * cross,
                 None => changes.faces[n][band] += scale * cross,
             }
         }

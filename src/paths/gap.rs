@@ -15,8 +15,8 @@ use crate::scene::{Frame, Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::mask::Mask;
 use crate::wbsdf::quadrature::RaySum;
-use crate::wbsdf::referee;
 use crate::wbsdf::rectangle::{Rectangle, Sides, shortest_over};
+use crate::wbsdf::referee;
 use crate::wbsdf::slit::{self, BandApertures, gauss_nodes};
 use crate::wbsdf::utd_opening::OpeningRays;
 

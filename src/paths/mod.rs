@@ -79,7 +79,9 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
             }
             let intensity = if scene.adds_pressures() {
                 let fewest = if scene.simulation.transport == Transport::Utd { wave::MANY } else { wave::FEW };
-                wave::together(&mut waves, &spectra, fewest, |k| line_scale(&scene.sources[s], scene.probes[p].position_m, k))
+                wave::together(&mut waves, &spectra, fewest, |k| {
+                    line_scale(&scene.sources[s], scene.probes[p].position_m, k)
+                })
             } else {
                 (0..spectra.len()).map(|b| paths.iter().map(|p| p.intensity[b]).sum()).collect()
             };
