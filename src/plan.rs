@@ -28,6 +28,10 @@ pub enum PortalModel {
     NarrowOpening,
     /// A gap whose depth counts, of any width: mode matching.
     DeepGap,
+    /// The coherent second opinion: uniform theory of diffraction.
+    Uniform,
+    /// The integral equation at many frequencies.
+    Referee,
     /// Nothing passes (but for the leaf's transmission).
     Closed,
 }
@@ -41,6 +45,8 @@ impl PortalModel {
             Self::Opening => "opening",
             Self::NarrowOpening => "narrow opening",
             Self::DeepGap => "deep gap",
+            Self::Uniform => "uniform theory",
+            Self::Referee => "exact",
             Self::Closed => "closed",
         }
     }
@@ -90,6 +96,8 @@ pub struct TracePart {
 pub struct Plan {
     /// How diffraction is modelled.
     pub transport: Transport,
+    /// Whether the deterministic paths of a source add as pressures.
+    pub adds_pressures: bool,
     /// Specular reflections on deterministic paths (at most what was asked for).
     pub reflection_order: usize,
     /// Image sources to be tried per source and probe.
@@ -137,6 +145,7 @@ impl Plan {
         let (traced, untraced_why) = trace_part(scene, geometry, reflection_order);
         Self {
             transport: scene.simulation.transport,
+            adds_pressures: scene.adds_pressures(),
             reflection_order,
             images: ImageTree::count(planes, reflection_order),
             portals: portal_plans(scene),
@@ -153,8 +162,10 @@ impl Plan {
         // Writing to a String cannot fail.
         let _ = writeln!(
             out,
-            "Deterministic paths: direct sound and specular reflections up to order {} ({:.0} images a source).",
-            self.reflection_order, self.images
+            "Deterministic paths: direct sound and specular reflections up to order {} ({:.0} images a source){}.",
+            self.reflection_order,
+            self.images,
+            if self.adds_pressures { "; they interfere" } else { "" }
         );
         for portal in &self.portals {
             let size = |m: Option<f64>| m.map_or("unbounded".to_owned(), |m| format!("{m:.4} m"));
@@ -232,6 +243,10 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
                     PortalModel::Closed
                 } else if geometric {
                     PortalModel::Geometric
+                } else if scene.simulation.transport == Transport::Utd {
+                    PortalModel::Uniform
+                } else if scene.simulation.transport == Transport::Exact {
+                    PortalModel::Referee
                 } else if opening.is_slit() {
                     match (width_m, Form::of(&Mask::new(&[opening.open_x_m]), spectrum)) {
                         (None, _) => PortalModel::Edge,
@@ -268,6 +283,10 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
                 "diffraction is switched off: a plain hole".to_owned()
             } else if scene.simulation.transport == Transport::Paraxial {
                 "signed rays of the published small-angle form, at any width".to_owned()
+            } else if scene.simulation.transport == Transport::Utd {
+                "rays with phase over every jamb, and from jamb to jamb".to_owned()
+            } else if scene.simulation.transport == Transport::Exact {
+                "the integral equation at 64 frequencies a band".to_owned()
             } else if opening.is_slit() && width_m.is_none() {
                 "the exact rigid half-plane".to_owned()
             } else if deep && opening.is_slit() {

@@ -55,6 +55,7 @@ pub(super) fn check(
     let sources = sound::sources(&room.sources, &bands, &matter, at, &mut warnings)?;
     let probes = sound::probes(&room.probes, &sources, &matter, at, &mut warnings)?;
     sound::outside(&sources, &probes, &matter, &mut warnings);
+    options::exact_fits(&room.simulation, &simulation, &matter, at)?;
     let mut sweep = room.sweep.as_ref().map(|table| options::sweep(table, at)).transpose()?;
     if let (Some(sweep), Some(name)) = (&mut sweep, room.sweep.as_ref().and_then(|s| s.get_ref().reference.as_ref())) {
         let sources: Vec<&str> = sources.iter().map(|s| s.name.as_str()).collect();

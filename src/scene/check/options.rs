@@ -2,6 +2,7 @@
 
 use serde_spanned::Spanned;
 
+use super::clearance::Matter;
 use super::values::{Limits, choice, choice_or, number, number_or};
 use crate::error::{Result, Warning};
 use crate::scene::air::{attenuation_db_per_m, intensity_attenuation_per_m, midband_hz, speed_of_sound_m_s};
@@ -165,6 +166,30 @@ pub(super) fn simulation(table: &SimulationTable, at: &Locator<'_>) -> Result<Si
         transport: choice_or(table.transport.as_ref(), Transport::Wbsdf, "transport", &TRANSPORTS, at)?,
         interference: table.interference.unwrap_or(false),
     })
+}
+
+/// The exact transport solves infinitely long openings of one unbounded wall, and nothing else.
+pub(super) fn exact_fits(
+    table: &SimulationTable,
+    simulation: &Simulation,
+    matter: &Matter<'_>,
+    at: &Locator<'_>,
+) -> Result<()> {
+    let Some(transport) = table.transport.as_ref().filter(|_| simulation.transport == Transport::Exact) else {
+        return Ok(());
+    };
+    let one_screen = matter.boxes.is_empty()
+        && matter.meshes.is_empty()
+        && matches!(matter.walls, [wall] if wall.unbounded)
+        && matter.openings.iter().all(|opening| opening.is_slit());
+    if one_screen {
+        return Ok(());
+    }
+    Err(at.error(
+        transport.span(),
+        "transport = \"exact\" solves a single unbounded wall with infinitely long openings only",
+        "\"wbsdf\" models this scene, and \"utd\" gives a second opinion",
+    ))
 }
 
 /// Options of the impulse responses.
