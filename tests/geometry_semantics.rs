@@ -299,9 +299,12 @@ fn an_unbounded_wall_has_no_border_and_its_slit_no_ends() {
         scene.openings = vec![hole(&scene, 0, [f64::NEG_INFINITY, 1.0], [f64::NEG_INFINITY, f64::INFINITY])];
         build(&scene)
     };
-    assert_eq!(first(&half_plane, v(-2.0, -1e9, 3.0), DVec3::X).expect("portal").element, Element::Portal(0));
+    // What a half-plane leaves open is a plain hole; its border is an edge.
+    assert!(first(&half_plane, v(-2.0, -1e9, 3.0), DVec3::X).is_none() && half_plane.portals.is_empty());
+    let [edge] = &half_plane.edges[..] else { panic!("one edge: {:?}", half_plane.edges) };
+    assert!(edge.face_a.y == 1.0 && edge.start.y.abs() < EXACT_M && edge.exterior_angle == std::f64::consts::TAU);
     assert_eq!(name(&half_plane, first(&half_plane, v(-2.0, 1e9, 3.0), DVec3::X).expect("screen").element), "screen");
-    assert!(half_plane.blocked(v(-1.0, -5.0, 0.0), v(1.0, -5.0, 0.0), Skip::NONE, Skip::NONE));
+    assert!(!half_plane.blocked(v(-1.0, -5.0, 0.0), v(1.0, -5.0, 0.0), Skip::NONE, Skip::NONE));
     assert_eq!(half_plane.segment(v(-1.0, 5.0, 0.0), v(1.0, 5.0, 0.0), Skip::NONE, Skip::NONE).len(), 1);
 }
 

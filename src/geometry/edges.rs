@@ -18,7 +18,7 @@ use super::planes::COPLANAR_M;
 use super::region::Region;
 use super::sheets::Sheet;
 use super::{Element, Geometry, Skip};
-use crate::scene::Scene;
+use crate::scene::{Opening, Scene};
 
 /// A straight edge and its two faces.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,6 +71,9 @@ const SAME_ANGLE: f64 = 1e-3;
 /// Distance from an edge, in m, of the point that tells which region of air it belongs to.
 const INTO_AIR_M: f64 = 1e-4;
 
+/// Half the length in m of an edge without ends.
+const ENDLESS_M: f64 = 1e7;
+
 /// All edges of the scene, in the order of their borders.
 pub(crate) fn find(scene: &Scene, geometry: &Geometry, sheets: &[Sheet]) -> Vec<Edge> {
     let finder = Finder::new(scene, geometry, sheets);
@@ -90,6 +93,35 @@ pub(crate) fn find(scene: &Scene, geometry: &Geometry, sheets: &[Sheet]) -> Vec<
         edge.on_surface = [(0.0, -1.0), (edge.length_m, 1.0)].map(|(end, sign)| stands(geometry, edge, end, sign));
     }
     edges
+}
+
+/// The edges of half-planes: openings that leave one half of an unbounded wall.
+pub(crate) fn half_planes(scene: &Scene, geometry: &Geometry) -> Vec<Edge> {
+    let edge = |opening: &Opening| {
+        let (x_m, side) = scene.half_plane(opening)?;
+        let surface = geometry.surfaces.iter().find(|s| {
+            s.area_m2.is_infinite()
+                && s.frame.normal.dot(opening.frame.normal).abs() > SAME_ANGLE.cos()
+                && s.frame.local(opening.frame.origin_m).z.abs() <= COPLANAR_M
+        })?;
+        let along = opening.frame.y;
+        let leading = along.to_array().into_iter().find(|c| c.abs() > SAME_ANGLE).unwrap_or(1.0);
+        let direction = along * leading.signum();
+        let face_a = opening.frame.x * side;
+        Some(Edge {
+            start: opening.frame.point(x_m, 0.0) - direction * ENDLESS_M,
+            direction,
+            length_m: 2.0 * ENDLESS_M,
+            face_a,
+            normal_a: direction.cross(face_a),
+            exterior_angle: TAU,
+            groups: [surface.group; 2],
+            planes: [surface.plane; 2],
+            on_surface: [true; 2],
+            name: format!("{} edge", surface.name),
+        })
+    };
+    scene.openings.iter().filter_map(edge).collect()
 }
 
 /// Whether a surface at right angles to the edge ends it at `end_m`, towards `sign` times its direction.

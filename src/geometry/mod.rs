@@ -26,7 +26,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use crate::error::Result;
-use crate::scene::{Edges, Frame, MaterialId, Scene, Transport};
+use crate::scene::{Edges, Frame, MaterialId, Scene, Simulation, Transport};
 use bvh::FacetTree;
 use screen::Screen;
 
@@ -128,7 +128,7 @@ pub struct Geometry {
     pub surfaces: Vec<Surface>,
     /// Open parts of openings; empty without diffraction (openings are then plain holes).
     pub portals: Vec<Portal>,
-    /// Edges that diffract, openings' own edges not counted; empty unless `edges = "auto"`.
+    /// Edges that diffract, openings' own edges not counted but those of half-planes; no others unless `edges = "auto"`.
     pub edges: Vec<Edge>,
     /// Point near the middle of the geometry in m; internal coordinates are relative to it.
     pub centre_m: DVec3,
@@ -168,6 +168,10 @@ impl Geometry {
         if scene.simulation.edges == Edges::Auto && scene.simulation.transport != Transport::Geometric {
             geometry.edges = edges::find(scene, &geometry, &parts.sheets);
         }
+        if has_portals(&scene.simulation) {
+            let mut half_planes = edges::half_planes(scene, &geometry);
+            geometry.edges.append(&mut half_planes);
+        }
         Ok(geometry)
     }
 
@@ -180,6 +184,11 @@ impl Geometry {
     pub fn facet_count(&self) -> usize {
         self.tree.facets.len()
     }
+}
+
+/// Whether openings diffract; if not they are plain holes.
+fn has_portals(options: &Simulation) -> bool {
+    options.transport != Transport::Geometric && options.edges != Edges::Off && options.diffraction_order > 0
 }
 
 /// The corners of all bounded geometry; sources and probes where there is none.

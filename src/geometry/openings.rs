@@ -4,9 +4,9 @@ use super::cut;
 use super::facet::PORTAL_BIT;
 use super::screen::{Region, Screen};
 use super::surfaces::{Builder, Draft, Owner, Parts, Shape, cut_draft, piece_facets, shape_facets};
-use super::{Portal, Surface};
+use super::{Portal, Surface, has_portals};
 use crate::error::Result;
-use crate::scene::{Edges, Frame, Host, Leaf, Opening, Transport};
+use crate::scene::{Frame, Host, Leaf, Opening};
 
 /// A leaf's surface on one face of the host.
 pub(crate) struct LeafFace {
@@ -16,12 +16,6 @@ pub(crate) struct LeafFace {
 }
 
 impl Builder<'_> {
-    /// Whether openings diffract; if not they are plain holes.
-    fn has_portals(&self) -> bool {
-        let options = &self.scene.simulation;
-        options.transport != Transport::Geometric && options.edges != Edges::Off && options.diffraction_order > 0
-    }
-
     /// Limits cut down to what can matter in this scene, so that bounded surfaces are cut by finite holes.
     fn finite(&self, opening: &Opening, limits: [f64; 2]) -> [f64; 2] {
         let far = 4.0 * (self.extent_m + (opening.frame.origin_m - self.centre).length() + 1.0);
@@ -81,7 +75,7 @@ impl Builder<'_> {
     pub(crate) fn add_reveals(&mut self, opening: &Opening) {
         let Host::Wall(wall) = opening.host else { return };
         let (t, group) = (self.host(opening.host).thickness_m, self.host(opening.host).group);
-        if self.has_portals() || t <= 0.0 || opening.is_closed() {
+        if has_portals(&self.scene.simulation) || t <= 0.0 || opening.is_closed() {
             return;
         }
         let f = opening.frame;
@@ -121,7 +115,10 @@ impl Builder<'_> {
         }
         for (i, opening) in self.scene.openings.iter().enumerate() {
             let host = self.host(opening.host);
-            let portal = (self.has_portals() && !opening.is_closed()).then(|| {
+            // What a half-plane leaves open is no portal: its edge is an edge like others.
+            let is_portal =
+                has_portals(&self.scene.simulation) && !opening.is_closed() && self.scene.half_plane(opening).is_none();
+            let portal = is_portal.then(|| {
                 portals.push(Portal {
                     opening: i,
                     frame: opening.frame,

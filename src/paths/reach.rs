@@ -67,7 +67,7 @@ pub(super) fn angle_of(edge: &Edge, direction: DVec3) -> f64 {
 /// Which edges matter to the direct sound of some source and probe, in the order of the geometry's edges.
 pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
     let longest = scene.bands.first().map_or(1.0, |b| scene.air.speed_of_sound_m_s / b.low_hz);
-    let modelled = scene.simulation.edges == Edges::Auto
+    let modelled = scene.simulation.edges != Edges::Off
         && scene.simulation.transport != Transport::Geometric
         && scene.simulation.diffraction_order > 0;
     geometry

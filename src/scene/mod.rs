@@ -451,6 +451,21 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// The edge along local x in m of the half-plane that `opening` leaves of an unbounded wall, and the direction (sign of
+    /// local x) in which the wall lies; `None` for other openings, walls with several openings, and thick walls.
+    pub fn half_plane(&self, opening: &Opening) -> Option<(f64, f64)> {
+        let Host::Wall(wall) = opening.host else { return None };
+        let alone = self.openings.iter().filter(|o| o.host == opening.host).count() == 1;
+        if !(self.walls[wall].unbounded && self.walls[wall].thickness_m == 0.0 && alone && opening.is_slit()) {
+            return None;
+        }
+        match opening.open_x_m {
+            [low, high] if low.is_finite() && high == f64::INFINITY && opening.leaf.is_none() => Some((low, -1.0)),
+            [low, high] if low == f64::NEG_INFINITY && high.is_finite() && opening.leaf.is_none() => Some((high, 1.0)),
+            _ => None,
+        }
+    }
+
     /// Whether the deterministic paths of a source add as pressures.
     pub fn adds_pressures(&self) -> bool {
         self.simulation.interference || self.simulation.transport == Transport::Utd
