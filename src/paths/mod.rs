@@ -1,5 +1,6 @@
 //! The deterministic paths: direct sound, specular chains, and each of them through an opening or over an edge.
 
+mod chain;
 mod edge;
 mod gap;
 mod images;
@@ -58,6 +59,7 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
             let mut paths = specular(scene, geometry, pair.kind, pair.source, p);
             if scene.simulation.diffraction_order > 0 {
                 edge::add(&pair, &reaches, &mut paths);
+                chain::add(&pair, &mut paths);
             }
             let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
             paths.extend(gaps.iter().flat_map(|gap| gap.paths(&pair)));
