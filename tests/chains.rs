@@ -29,7 +29,10 @@ fn errors(case: &str) -> Errors {
     for row in table("barriers").iter().filter(|row| row.text("case") == case) {
         let (got, expected) = (level(&room(row)), row.number("level_db"));
         if (got - expected).abs() > 0.3 {
-            println!("{}", room(row).lines().filter(|l| l.contains("_m") || l.contains("hz")).collect::<Vec<_>>().join(" "));
+            println!(
+                "{}",
+                room(row).lines().filter(|l| l.contains("_m") || l.contains("hz")).collect::<Vec<_>>().join(" ")
+            );
             println!("  {got} {expected}");
         }
         errors.add(got, expected);

@@ -39,9 +39,7 @@ impl<'a> Two<'a> {
     /// one lies behind the other's faces.
     fn new(first: &'a Edge, second: &'a Edge) -> Option<Self> {
         let thin = |e: &Edge| e.planes[0] == e.planes[1];
-        if first.direction.dot(second.direction).abs() < 1.0 - 1e-9
-            || (thin(first) && thin(second) && first.planes == second.planes)
-        {
+        if first.direction.dot(second.direction).abs() < 1.0 - 1e-9 {
             return None;
         }
         let (x, y, along) = (first.face_a, first.normal_a, first.direction);
@@ -60,7 +58,12 @@ impl<'a> Two<'a> {
             let phi = corner.angle(way);
             phi < ON_FACE || corner.exterior_angle - phi < ON_FACE
         };
-        let common_face = on_face(&corners[0], way) && on_face(&corners[1], -way);
+        let faces = [on_face(&corners[0], way), on_face(&corners[1], -way)];
+        // The other border of a thin wall lies on both of its faces: the sound has passed the wall at the first one.
+        if [(first, faces[0]), (second, faces[1])].iter().any(|(edge, on)| thin(edge) && *on) {
+            return None;
+        }
+        let common_face = faces[0] && faces[1];
         Some(Self { edges: [first, second], corners, common_face, origin: first.start, x, y, along })
     }
 

@@ -299,7 +299,8 @@ impl ChainField {
         }
         let line = (0.5 * PI * across).sqrt() * scaled_hankel0(Complex64::from(across * self.over_m));
         let length = self.length_m();
-        let free = Complex64::from_polar(1.0 / length, k * length) / (line * Complex64::from_polar(1.0, across * self.over_m));
+        let free =
+            Complex64::from_polar(1.0 / length, k * length) / (line * Complex64::from_polar(1.0, across * self.over_m));
         self.each.iter().fold(free, |ratio, (space, plane)| ratio * space.total(k) / plane.total(across) / free)
     }
 
@@ -308,9 +309,7 @@ impl ChainField {
         match self.chain.from {
             From::Plane(..) => [1.0, 1.0],
             From::Point(..) => [1.0 / length_m.powi(2); 2],
-            From::Line(_) => {
-                [scaled_hankel0(Complex64::from(k * length_m)).norm_sqr() * 0.5 * PI * k, 1.0 / length_m]
-            }
+            From::Line(_) => [scaled_hankel0(Complex64::from(k * length_m)).norm_sqr() * 0.5 * PI * k, 1.0 / length_m],
         }
     }
 
@@ -447,7 +446,9 @@ impl<'a> Portal<'a> {
         let phase = |y: f64| {
             let ways = self.ways(y);
             let count = if y < 0.0 { 1 } else { 4 };
-            (0..count).map(|n| if y < crossings[n] && y >= 0.0 { 0.0 } else { low * (ways[n] - least[n]) }).fold(f64::INFINITY, f64::min)
+            (0..count)
+                .map(|n| if y < crossings[n] && y >= 0.0 { 0.0 } else { low * (ways[n] - least[n]) })
+                .fold(f64::INFINITY, f64::min)
         };
         let rule: Vec<(f64, f64)> = gauss_nodes(0.0, 1.0, 8).collect();
         let mut nodes = Vec::new();
@@ -487,7 +488,8 @@ impl<'a> Portal<'a> {
         Node {
             weight: weight_m / (2.0 * step),
             source: sides.map(|p| Phased::new(first.exterior_angle, source, first.about(p), wave, spectrum)),
-            receiver: sides.map(|p| Phased::new(second.exterior_angle, receiver, second.about(p), Wave::Line, spectrum)),
+            receiver: sides
+                .map(|p| Phased::new(second.exterior_angle, receiver, second.about(p), Wave::Line, spectrum)),
         }
     }
 }
