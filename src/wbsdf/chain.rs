@@ -8,14 +8,15 @@
 //! p(receiver) = (i/4) sqrt(2/(pi k)) int [u dv/dn - v du/dn] dy ,   u, v in units of sqrt(pi k/2) H0(k r)
 //! ```
 //!
-//! Nothing is assumed about the angles: slopes, both shadow boundaries and receivers or edges in sight of the source are
+//! Nothing is assumed about the angles: slopes, both shadow boundaries, and a receiver or an edge in sight of the source are
 //! in it, and u and v are doubled on a common face, so that grazing sound and its reflection need no factor. What it
-//! leaves out are waves that return from the second edge to the first: 0.15 dB at most from k times distance 0.3 on.
-//! With one solution that satisfies both edges instead of u it would be exact. Over the portal the amplitude oscillates
-//! with the way over it and fades out over some periods.
+//! leaves out are the waves that return from the second edge to the first: 0.3 dB at k times distance 0.1, 0.15 dB at 1
+//! and 0.05 dB at 4 over a common face; up to 0.4 dB between two thin screens. In space (a point source) the field is that of
+//! a line source at k sin(beta) times the ratio of the single edges' exact fields in space and plane.
 //!
-//! Pierce's (1974) product of two wedges is the stationary value of this integral. It is within 0.3 dB where both ends
-//! lie deep in the shadow and the edges several wavelengths apart, and up to 3 dB wrong for nearer edges.
+//! The integrand turns with the way over the portal, which fades out over some periods. Pierce's (1974) product of two
+//! wedges is its stationary value: within 0.3 dB deep in the shadow of edges more than two wavelengths apart, and up to
+//! 3 dB wrong for nearer ones (6 dB for thin screens).
 
 use std::f64::consts::{PI, TAU};
 
