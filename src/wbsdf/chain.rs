@@ -372,7 +372,7 @@ impl<'a> Portal<'a> {
             From::Plane(..) => 0.0,
         };
         let end = (chain.to - first.at).dot(forth).min(between);
-        if !(end - start > 1e-3 * between) {
+        if end - start <= 1e-3 * between {
             return None;
         }
         let middle = first.at + forth * (0.5 * (start + end));
