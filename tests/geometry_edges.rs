@@ -52,7 +52,7 @@ fn a_barrier_on_the_ground_has_a_free_top_and_two_free_sides() {
     for e in &found {
         assert_eq!(e.groups[0], e.groups[1]);
         assert_eq!(e.planes[0], e.planes[1]);
-        assert_eq!(e.name, "barrier edge");
+        assert!(e.name.starts_with("barrier edge"), "{}", e.name);
         // face A runs from the edge into the barrier
         assert!((v(0.0, 1.0, 1.5) - e.point(0.5 * e.length_m)).dot(e.face_a) > 0.0);
     }
@@ -145,7 +145,7 @@ fn an_edge_that_abuts_in_part_is_free_in_the_rest() {
     // barrier: top, far side, upper near side; cabinet: top (one, though the barrier divides it), two sides. Where the
     // barrier passes the cabinet's top, three half-planes of 90 degrees leave no wedge but at a point
     assert_eq!(found.len(), 6, "{found:?}");
-    let cabinet = found.iter().filter(|e| e.name == "cabinet edge").map(|e| e.length_m).sum::<f64>();
+    let cabinet = found.iter().filter(|e| e.name.starts_with("cabinet edge")).map(|e| e.length_m).sum::<f64>();
     assert!((cabinet - 6.5).abs() < 1e-9);
 }
 

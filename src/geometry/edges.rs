@@ -42,7 +42,7 @@ pub struct Edge {
     /// Whether the edge stands on a surface at right angles to it, at its start and at its end: in that it goes on as its
     /// mirror image. Other ends are free.
     pub on_surface: [bool; 2],
-    /// The surfaces that meet, as `barrier edge` or `side 1 / side 2`.
+    /// The surfaces that meet, as `barrier edge` or `side 1 / side 2`; numbered where several would share a name.
     pub name: String,
 }
 
@@ -93,6 +93,18 @@ pub(crate) fn find(scene: &Scene, geometry: &Geometry, sheets: &[Sheet]) -> Vec<
         edge.on_surface = [(0.0, -1.0), (edge.length_m, 1.0)].map(|(end, sign)| stands(geometry, edge, end, sign));
     }
     edges
+}
+
+/// Numbers the edges that share a name: `barrier edge`, `barrier edge 2`, ...
+pub(crate) fn number(edges: &mut [Edge]) {
+    let mut times: HashMap<String, usize> = HashMap::new();
+    for edge in edges {
+        let times = times.entry(edge.name.clone()).or_insert(0);
+        *times += 1;
+        if *times > 1 {
+            edge.name = format!("{} {times}", edge.name);
+        }
+    }
 }
 
 /// The edges of half-planes: openings that leave one half of an unbounded wall.

@@ -172,6 +172,7 @@ impl Geometry {
             let mut half_planes = edges::half_planes(scene, &geometry);
             geometry.edges.append(&mut half_planes);
         }
+        edges::number(&mut geometry.edges);
         Ok(geometry)
     }
 

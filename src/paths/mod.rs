@@ -1,5 +1,6 @@
 //! The deterministic paths: direct sound, specular chains, and each of them through an opening or over an edge.
 
+mod chain;
 mod edge;
 mod gap;
 mod images;
@@ -72,6 +73,7 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
             let (mut paths, mut waves) = specular(&pair, scene.probes[p].position_m);
             if scene.simulation.diffraction_order > 0 {
                 edge::add(&pair, &reaches, &mut paths, &mut waves);
+                chain::add(&pair, &mut paths, &mut waves);
             }
             let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
             for gap in &gaps {

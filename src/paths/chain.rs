@@ -1,0 +1,306 @@
+//! Paths over two parallel edges in a row: thick barriers, one barrier behind another, thick walls seen round.
+//!
+//! Where neither edge is passed in sight the chain is a path of its own. Where one of them is, the path over the other
+//! edge alone already exists and is multiplied by what the first one changes: so levels are continuous where an edge comes
+//! into sight. Sound that is reflected between the two edges (by the ground between two barriers) is left out.
+
+use std::f64::consts::FRAC_PI_4;
+
+use glam::{DVec2, DVec3};
+use num_complex::Complex64;
+
+use super::images::Origin;
+use super::reach::FELT_FRESNEL;
+use super::wave::Wave;
+use super::{Pair, Specular};
+use crate::geometry::{Edge, Skip};
+use crate::probe::EarlyPath;
+use crate::scene::{SourceKind, Transport};
+use crate::wbsdf::chain::{Chain, ChainField, Corner, From, Passage};
+use crate::wbsdf::crossing::Spectrum;
+use crate::wbsdf::utd;
+
+/// A chain weaker than this relative to the strongest path in the lowest band is left out (-60 dB): higher bands lose more.
+const FAINT: f64 = 1e-6;
+/// Angle in radians within which an edge lies on the other's face.
+const ON_FACE: f64 = 1e-6;
+/// Relative accuracy of the integral over the portal.
+const ACCURACY: f64 = 2e-3;
+
+/// Two parallel edges in the plane across them.
+struct Two<'a> {
+    edges: [&'a Edge; 2],
+    corners: [Corner; 2],
+    common_face: bool,
+    origin: DVec3,
+    x: DVec3,
+    y: DVec3,
+    along: DVec3,
+}
+
+impl<'a> Two<'a> {
+    /// `None` where sound cannot pass from one edge to the other: they are not parallel, belong to one thin wall, or
+    /// one lies behind the other's faces.
+    fn new(first: &'a Edge, second: &'a Edge) -> Option<Self> {
+        let thin = |e: &Edge| e.planes[0] == e.planes[1];
+        if first.direction.dot(second.direction).abs() < 1.0 - 1e-9 {
+            return None;
+        }
+        let (x, y, along) = (first.face_a, first.normal_a, first.direction);
+        let flat = |v: DVec3| DVec2::new(v.dot(x), v.dot(y));
+        let corners = [first, second].map(|e| Corner {
+            at: flat(e.start - first.start),
+            face_a: flat(e.face_a),
+            normal_a: flat(e.normal_a),
+            exterior_angle: e.exterior_angle,
+        });
+        let way = corners[1].at - corners[0].at;
+        if way.length() < 1e-6 || !corners[0].has_air(way) || !corners[1].has_air(-way) {
+            return None;
+        }
+        let on_face = |corner: &Corner, way: DVec2| {
+            let phi = corner.angle(way);
+            phi < ON_FACE || corner.exterior_angle - phi < ON_FACE
+        };
+        let faces = [on_face(&corners[0], way), on_face(&corners[1], -way)];
+        // The other border of a thin wall lies on both of its faces: the sound has passed the wall at the first one.
+        if [(first, faces[0]), (second, faces[1])].iter().any(|(edge, on)| thin(edge) && *on) {
+            return None;
+        }
+        let common_face = faces[0] && faces[1];
+        Some(Self { edges: [first, second], corners, common_face, origin: first.start, x, y, along })
+    }
+
+    fn flat(&self, point: DVec3) -> DVec2 {
+        self.turned(point - self.origin)
+    }
+
+    fn turned(&self, direction: DVec3) -> DVec2 {
+        DVec2::new(direction.dot(self.x), direction.dot(self.y))
+    }
+
+    fn along_m(&self, point: DVec3) -> f64 {
+        (point - self.origin).dot(self.along)
+    }
+
+    fn chain(&self, origin: Origin, kind: &SourceKind, receiver: DVec3) -> Option<Chain> {
+        let from = match (origin, kind) {
+            (Origin::At(position), SourceKind::Line(axis)) => {
+                (axis.dot(self.along).abs() > 1.0 - 1e-9).then(|| From::Line(self.flat(position)))?
+            }
+            (Origin::At(position), _) => {
+                From::Point(self.flat(position), self.along_m(receiver) - self.along_m(position))
+            }
+            (Origin::Along(direction), _) => {
+                let across = self.turned(direction);
+                (across.length() > 1e-3).then(|| From::Plane(across.normalize(), across.length()))?
+            }
+        };
+        let chain = Chain { from, corners: self.corners, common_face: self.common_face, to: self.flat(receiver) };
+        let towards = match from {
+            From::Line(s) | From::Point(s, _) => s - self.corners[0].at,
+            From::Plane(d, _) => -d,
+        };
+        let away = chain.to - self.corners[1].at;
+        let near = towards.length().min(away.length());
+        (near > 1e-9 && self.corners[0].has_air(towards) && self.corners[1].has_air(away)).then_some(chain)
+    }
+
+    /// Places along the edges at which the shortest way passes them, in m.
+    fn places_m(&self, chain: &Chain, origin: Origin, receiver: DVec3) -> [f64; 2] {
+        let [before, between, behind] = chain.legs_m();
+        let end = self.along_m(receiver);
+        let slope = match (chain.from, origin) {
+            (From::Point(_, dz_m), _) => dz_m / (before + between + behind),
+            (From::Plane(_, sin_beta), Origin::Along(direction)) => direction.dot(self.along) / sin_beta,
+            _ => 0.0,
+        };
+        [end - (between + behind) * slope, end - behind * slope]
+    }
+
+    /// The point of an edge at `along_m`, just outside it, in the middle of the air.
+    fn apex(&self, edge: usize, along_m: f64) -> DVec3 {
+        let out = self.corners[edge].outwards();
+        let at = self.corners[edge].at + out * (1e-6 * (1.0 + self.corners[edge].at.length()));
+        self.origin + self.along * along_m + self.x * at.x + self.y * at.y
+    }
+}
+
+/// Adds the paths over two edges, and what an edge in sight changes of the paths over the other, to `paths`.
+///
+/// Where pressures are asked for, the same as pressures to `waves`.
+pub(super) fn add<'a>(pair: &Pair<'a>, paths: &mut Vec<Specular>, waves: &mut Vec<Wave<'a>>) {
+    let &Pair { scene, geometry, kind, source, probe, order, .. } = pair;
+    if scene.simulation.diffraction_order < 2
+        || matches!(scene.simulation.transport, Transport::Geometric | Transport::Paraxial)
+    {
+        return;
+    }
+    for first in &geometry.edges {
+        for second in geometry.edges.iter().filter(|second| !std::ptr::eq(*second, first)) {
+            let Some(two) = Two::new(first, second) else { continue };
+            for (s, from) in source.images.iter().enumerate() {
+                for (p, to) in
+                    probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order)
+                {
+                    let Origin::At(receiver) = to.origin else { continue };
+                    if let Some(chain) = two.chain(from.origin, kind, receiver) {
+                        let over = Over { pair, two: &two, chain, images: [s, p], receiver };
+                        over.add(paths, waves);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// One chain between one source image and one probe image.
+struct Over<'a> {
+    pair: &'a Pair<'a>,
+    two: &'a Two<'a>,
+    chain: Chain,
+    images: [usize; 2],
+    receiver: DVec3,
+}
+
+impl Over<'_> {
+    fn add<'w>(&self, paths: &mut Vec<Specular>, waves: &mut Vec<Wave<'w>>) -> Option<()> {
+        let &Pair { scene, geometry, spectra, kind, source, probe, .. } = self.pair;
+        let (two, chain, [s, p]) = (self.two, &self.chain, self.images);
+        let passage = chain.passage();
+        let speed = scene.air.speed_of_sound_m_s;
+        let fresnel = |f: f64| 2.0 * chain.detour_m() * f / speed;
+        if passage == Passage::Lit || fresnel(spectra.first()?.low_hz) > FELT_FRESNEL {
+            return None;
+        }
+        let origin = source.images[s].origin;
+        let places = two.places_m(chain, origin, self.receiver);
+        let within = |edge: usize| {
+            let start = two.along_m(two.edges[edge].start);
+            let end = two.along_m(two.edges[edge].point(two.edges[edge].length_m));
+            (start.min(end)..=start.max(end)).contains(&places[edge])
+        };
+        if *kind == SourceKind::Point && !(within(0) && within(1)) {
+            return None;
+        }
+        let apexes = [two.apex(0, places[0]), two.apex(1, places[1])];
+        if geometry.blocked(apexes[0], apexes[1], Skip::NONE, Skip::NONE) {
+            return None;
+        }
+        let before = source.arrive(scene, geometry, s, apexes[0], Skip::NONE)?;
+        let after = probe.arrive(scene, geometry, p, apexes[1], Skip::NONE)?;
+        let factors: Vec<f64> = before.factors.iter().zip(&after.factors).map(|(a, b)| a * b).collect();
+        if scene.adds_pressures() {
+            waves.extend(self.wave(origin, apexes[0], &factors));
+        }
+        if passage != Passage::Shadow {
+            let single = two.edges[usize::from(passage == Passage::FirstLit)];
+            let label = self.label(&[single]);
+            let path = paths.iter_mut().find(|path| path.path.label == label)?;
+            for (band, spectrum) in spectra.iter().enumerate() {
+                // Short waves do not feel an edge in sight that long ones do.
+                let t = (fresnel(spectrum.low_hz) / FELT_FRESNEL * 2.0 - 1.0).clamp(0.0, 1.0);
+                let felt = 1.0 - t * t * (3.0 - 2.0 * t);
+                if felt > 0.0
+                    && let Some(change) = ChainField::new(*chain, spectrum).and_then(|field| field.change(spectrum))
+                {
+                    path.path.intensity[band] *= 1.0 + felt * (change - 1.0);
+                }
+            }
+            return Some(());
+        }
+        let strongest = paths.iter().filter_map(|path| path.path.intensity.first()).fold(0.0_f64, |a, b| a.max(*b));
+        let mut intensity = Vec::with_capacity(spectra.len());
+        let mut length_m = 0.0;
+        for (band, spectrum) in spectra.iter().enumerate() {
+            let (mean, length) = self.mean(spectrum)?;
+            let air = (-scene.air.attenuation_per_m[band] * length).exp();
+            intensity.push(mean * factors[band] * air);
+            length_m = length;
+            if intensity[0] < FAINT * strongest {
+                return None;
+            }
+        }
+        let way_m = match (origin, chain.from) {
+            // A plane wave counts from the origin of coordinates.
+            (Origin::Along(direction), From::Plane(_, sin_beta)) => {
+                let [_, between, behind] = chain.legs_m();
+                apexes[0].dot(direction) + (between + behind) / sin_beta
+            }
+            _ => length_m,
+        };
+        let planes = |image: &super::images::Image| image.planes.clone();
+        let mut passed = planes(&source.images[s]);
+        passed.extend(planes(&probe.images[p]).into_iter().rev());
+        let error = intensity.iter().map(|i| ACCURACY * i).collect();
+        let path = EarlyPath {
+            label: self.label(&two.edges),
+            reflections: passed.len(),
+            delay_s: way_m / speed,
+            intensity,
+            error,
+        };
+        paths.push(Specular { planes: passed, path });
+        Some(())
+    }
+
+    /// The sound over both edges as a pressure; where one of them is passed in sight, what it changes of that over the other.
+    fn wave<'w>(&self, origin: Origin, apex: DVec3, factors: &[f64]) -> Option<Wave<'w>> {
+        let &Pair { scene, spectra, kind, .. } = self.pair;
+        let chain = self.chain;
+        let [_, between, behind] = chain.legs_m();
+        let all = Spectrum {
+            low_hz: spectra.first()?.low_hz,
+            high_hz: spectra.last()?.high_hz,
+            speed_m_s: scene.air.speed_of_sound_m_s,
+        };
+        let field = ChainField::new(chain, &all)?;
+        // A plane wave's field counts its phase from the first edge on, across the edges.
+        let (length_m, ahead_m) = match origin {
+            Origin::Along(direction) => {
+                let along_m = self.two.along_m(self.receiver) - self.two.along_m(apex);
+                let ahead = apex.dot(direction) + along_m * direction.dot(self.two.along);
+                (ahead + (between + behind) * (1.0 - direction.dot(self.two.along).powi(2)).sqrt(), ahead)
+            }
+            Origin::At(_) => (field.length_m(), 0.0),
+        };
+        let air = |m: f64| (-m * length_m).exp();
+        let attenuation = &scene.air.attenuation_per_m;
+        let amplitudes: Vec<f64> = factors.iter().zip(attenuation).map(|(f, m)| (f * air(*m)).sqrt()).collect();
+        let shadow = chain.passage() == Passage::Shadow;
+        if scene.simulation.transport == Transport::Utd {
+            let (turns, legs_m, (wave, sin_beta)) = (chain.turns(), chain.legs_m(), chain.space_wave());
+            let turn = if let SourceKind::Line(_) = kind { -FRAC_PI_4 } else { 0.0 };
+            return shadow.then(|| Wave {
+                length_m,
+                wander_m: 0.0,
+                pressure: Box::new(move |band, k| {
+                    let pressure = utd::two_edges(turns, legs_m, chain.common_face, wave, k * sin_beta);
+                    pressure * Complex64::from_polar(amplitudes[band], k * ahead_m + turn)
+                }),
+            });
+        }
+        Some(Wave {
+            length_m,
+            wander_m: chain.detour_m(),
+            pressure: Box::new(move |band, k| {
+                let pressure = if shadow { field.pressure(k) } else { field.correction(k).unwrap_or_default() };
+                pressure * Complex64::from_polar(amplitudes[band], k * ahead_m)
+            }),
+        })
+    }
+
+    fn mean(&self, spectrum: &Spectrum) -> Option<(f64, f64)> {
+        let field = ChainField::new(self.chain, spectrum)?;
+        Some((field.mean(spectrum), field.length_m()))
+    }
+
+    fn label(&self, edges: &[&Edge]) -> String {
+        let &Pair { geometry, source, probe, .. } = self.pair;
+        let name = |plane: &usize| super::plane_name(geometry, *plane);
+        let before = source.images[self.images[0]].planes.iter().map(name);
+        let after = probe.images[self.images[1]].planes.iter().rev().map(name);
+        let edges = edges.iter().map(|edge| edge.name.clone());
+        before.chain(edges).chain(after).collect::<Vec<_>>().join(", ")
+    }
+}
