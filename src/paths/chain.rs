@@ -189,6 +189,10 @@ impl Over<'_> {
         }
         let before = source.arrive(scene, geometry, s, apexes[0], Skip::NONE)?;
         let after = probe.arrive(scene, geometry, p, apexes[1], Skip::NONE)?;
+        let strongest = paths.iter().filter_map(|path| path.path.intensity.first()).fold(0.0_f64, |a, b| a.max(*b));
+        if passage == Passage::Shadow && chain.bound(spectra.first()?.low_k()) * self.free() < FAINT * strongest {
+            return None;
+        }
         let factors: Vec<f64> = before.factors.iter().zip(&after.factors).map(|(a, b)| a * b).collect();
         if scene.adds_pressures() {
             waves.extend(self.wave(origin, apexes[0], &factors));
@@ -209,7 +213,6 @@ impl Over<'_> {
             }
             return Some(());
         }
-        let strongest = paths.iter().filter_map(|path| path.path.intensity.first()).fold(0.0_f64, |a, b| a.max(*b));
         let mut intensity = Vec::with_capacity(spectra.len());
         let mut length_m = 0.0;
         for (band, spectrum) in spectra.iter().enumerate() {
@@ -242,6 +245,16 @@ impl Over<'_> {
         };
         paths.push(Specular { planes: passed, path });
         Some(())
+    }
+
+    /// Intensity of the free field over the way across the edges.
+    fn free(&self) -> f64 {
+        let length_m: f64 = self.chain.legs_m().iter().sum();
+        match self.chain.from {
+            From::Line(_) => 1.0 / length_m,
+            From::Point(_, dz_m) => 1.0 / (length_m * length_m + dz_m * dz_m),
+            From::Plane(..) => 1.0,
+        }
     }
 
     /// The sound over both edges as a pressure; where one of them is passed in sight, what it changes of that over the other.

@@ -162,6 +162,22 @@ impl Chain {
         }
     }
 
+    /// Upper bound of |p/p_free|^2 over the whole way at wave number `k` across the edges, in the shadow of both: each edge by
+    /// Keller's 1/(2 pi sqrt N) of its own detour, twice as much for a face and twice for another.
+    pub fn bound(&self, k: f64) -> f64 {
+        let [[source, between], [back, receiver]] = self.about();
+        [[source, between], [back, receiver]]
+            .map(|[a, b]| {
+                let span = (a.phi - b.phi).abs();
+                let chord = ((a.r_m - b.r_m).powi(2) + 4.0 * a.r_m * b.r_m * (0.5 * span).sin().powi(2)).sqrt();
+                let over = if a.r_m.is_finite() { a.r_m + b.r_m - chord } else { b.r_m * (1.0 + span.cos()) };
+                let fresnel = k * over.max(0.0) / PI;
+                (4.0 / (PI * PI * fresnel.max(1e-9))).min(16.0)
+            })
+            .iter()
+            .product()
+    }
+
     /// Source and receiver about the edge that shades if only one does, and that edge's angle of air.
     fn single(&self) -> Option<([AboutEdge; 2], f64)> {
         let [first, second] = self.corners;
