@@ -387,7 +387,7 @@ pub struct Simulation {
     pub max_time_s: f64,
     /// Deterministic specular reflections.
     pub reflection_order: usize,
-    /// 0: no diffraction; from 1 on a deterministic path bends over one edge or opening.
+    /// 0: no diffraction; 1: a deterministic path bends over one edge or opening; from 2 on over two edges too.
     pub diffraction_order: usize,
     /// Which edges diffract.
     pub edges: Edges,
