@@ -399,7 +399,7 @@ mod tests {
                         let crossing = Crossing { incident, x_m, z_m: 1.2 };
                         let free = crossing.free_intensity().sqrt();
                         let got = OpeningRays::new(openings, &crossing).pressure(k).norm() / free;
-                        let error = got - aperture.transfer(&crossing).sqrt();
+                        let error = got - aperture.transfer(&crossing).norm();
                         assert!(error.abs() < bound, "k {k}, {incident:?}, {x_m}: {error}");
                     }
                 }
