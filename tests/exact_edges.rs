@@ -1,4 +1,4 @@
-//! Half-planes and wedges against exact solutions (tests/reference/edges.csv), in shadow and on its boundary.
+//! Half-planes and wedges against exact solutions (src/verify/reference/edges.csv), in shadow and on its boundary.
 
 mod reference;
 
