@@ -199,8 +199,8 @@ fn rows<T: DeserializeOwned>(name: &str, table: &str) -> Result<Vec<T>> {
 
 /// Adds a level to the case with this room, or begins it.
 fn add(cases: &mut Vec<Case>, new: Case, at_m: [f64; 3], level: Reference) {
-    let same = |c: &&mut Case| c.name == new.name && c.mean == new.mean && c.room == new.room;
-    let index = cases.iter_mut().position(|mut c| same(&&mut c));
+    let same = |c: &Case| c.name == new.name && c.mean == new.mean && c.room == new.room;
+    let index = cases.iter().position(same);
     let index = index.unwrap_or_else(|| {
         cases.push(new);
         cases.len() - 1

@@ -104,7 +104,7 @@ fn bars(out: &mut String, verified: &Verified) {
     let verdict = |ok: bool| format!("<span class=\"{}\">{}</span>", if ok { "met" } else { "not-met" }, met(ok));
     open_table(
         out,
-        "Errors: 90th percentile / largest, dB. Times: mean ratio over all levels (least to greatest of a case)",
+        "Errors: 90th percentile / largest, dB. Times: median of the cases (least of a case; time of all levels together)",
         &columns(&["levels", "number", "asked", "reached", ""]),
     );
     for bar in verified.bars() {
@@ -116,7 +116,7 @@ fn bars(out: &mut String, verified: &Verified) {
     for ratio in verified.ratios() {
         let what = format!("time a level, {} : wbsdf, octave bands", ratio.other);
         let reached =
-            format!("{} <small>({} to {})</small>", times(ratio.overall), times(ratio.least), times(ratio.greatest));
+            format!("{} <small>({}; {})</small>", times(ratio.median), times(ratio.least), times(ratio.overall));
         let cells = [
             format!("{} cases", ratio.cases),
             format!("≥ {}", times(ratio.least_wanted)),

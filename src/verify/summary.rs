@@ -77,14 +77,14 @@ impl Bar {
 pub struct Ratio {
     /// The other transport.
     pub other: &'static str,
-    /// Bound of `overall` from below.
+    /// Bound of `median` from below.
     pub least_wanted: f64,
-    /// Ratio of the mean times a level, each level counted once.
-    pub overall: f64,
+    /// Median of the ratios of the cases.
+    pub median: f64,
     /// Smallest ratio of a case.
     pub least: f64,
-    /// Largest ratio of a case.
-    pub greatest: f64,
+    /// Ratio of the times of all levels together: the slowest cases decide it.
+    pub overall: f64,
     /// Number of cases in common.
     pub cases: usize,
 }
@@ -92,7 +92,7 @@ pub struct Ratio {
 impl Ratio {
     /// Whether the bound is kept.
     pub fn met(&self) -> bool {
-        self.overall >= self.least_wanted
+        self.median >= self.least_wanted
     }
 }
 
@@ -165,15 +165,16 @@ impl Verified {
                     Some((per_level(own), per_level(t), t.measured.computed as f64))
                 })
                 .collect();
-            let ratios = common.iter().map(|(own, other, _)| other / own);
+            let mut ratios: Vec<f64> = common.iter().map(|(own, other, _)| other / own).collect();
+            ratios.sort_by(f64::total_cmp);
             let sum = |pick: fn(&(f64, f64, f64)) -> f64| common.iter().map(|c| pick(c) * c.2).sum::<f64>();
-            (!common.is_empty()).then(|| Ratio {
+            Some(Ratio {
                 other: other.name,
                 least_wanted,
+                median: *ratios.get(ratios.len() / 2)?,
+                least: *ratios.first()?,
                 overall: sum(|c| c.1) / sum(|c| c.0),
-                least: ratios.clone().fold(f64::INFINITY, f64::min),
-                greatest: ratios.fold(0.0, f64::max),
-                cases: common.len(),
+                cases: ratios.len(),
             })
         };
         wanted.into_iter().filter_map(ratio).collect()

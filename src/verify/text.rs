@@ -180,11 +180,11 @@ pub(super) fn tables(verified: &Verified) -> String {
             format!("time a level: {} / wbsdf, {} cases", ratio.other, ratio.cases),
             String::new(),
             format!("≥ {}", times(ratio.least_wanted)),
-            format!("{} ({} to {})", times(ratio.overall), times(ratio.least), times(ratio.greatest)),
+            format!("{} ({}; {})", times(ratio.median), times(ratio.least), times(ratio.overall)),
             met(ratio.met()).to_owned(),
         ]);
     }
-    add("What is asked of wbsdf: 90th percentile / max", bars);
+    add("What is asked of wbsdf: 90th percentile / max; times: median of cases (least; all together)", bars);
     let left_out = left_out(verified);
     if !left_out.is_empty() {
         text.push_str(&format!("\n{left_out}\n"));
@@ -197,7 +197,7 @@ pub(super) fn met(met: bool) -> &'static str {
     if met { "met" } else { "NOT MET" }
 }
 
-/// "slit, line source, tones".
+/// "slit, line, tone".
 pub(super) fn case_name((name, source, mean): (&str, &str, &str)) -> String {
-    format!("{name}, {source}{}", if mean == "tone" { ", tones" } else { "" })
+    format!("{name}, {source}{}", if mean == "tone" { ", tone" } else { "" })
 }
