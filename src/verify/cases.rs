@@ -323,7 +323,7 @@ mod tests {
         assert!(cases.iter().map(|c| c.levels.len()).sum::<usize>() > 1500);
         for case in &cases {
             let (probes, bands) = (case.probes_m.len(), case.bands_hz().len());
-            assert!(probes >= 3 && bands >= 5, "{} {}: {probes} probes, {bands} bands", case.name, case.source);
+            assert!(probes >= 2 && bands >= 5, "{} {}: {probes} probes, {bands} bands", case.name, case.source);
             // Boundary elements were too dear for some of the highest bands.
             let full = probes * bands;
             assert!(case.levels.len() <= full && 2 * case.levels.len() > full, "{}", case.name);

@@ -46,6 +46,8 @@ pub(crate) fn empty() -> Scene {
             diffraction_order: 2,
             edges: Edges::Auto,
             transport: Transport::Wbsdf,
+            interference: false,
+            ray_tolerance: 1e-4,
         },
         output: Output { sample_rate_hz: 48000, response_length_s: None },
         sweep: None,

@@ -45,6 +45,8 @@ pub(crate) fn empty(bands: usize) -> Scene {
             diffraction_order: 1,
             edges: Edges::Auto,
             transport: Transport::Wbsdf,
+            interference: false,
+            ray_tolerance: 1e-4,
         },
         output: Output { sample_rate_hz: 48_000, response_length_s: None },
         sweep: None,
