@@ -35,6 +35,10 @@ pub(crate) enum Command {
     Plan(RoomArgs),
     /// Check a room file; runs nothing
     Check(RoomArgs),
+    /// Run the exact reference cases with every transport: error against time
+    ///
+    /// Writes report.html and verify.csv and prints the tables.
+    Verify(VerifyArgs),
     /// Print a completion script for a shell
     Completions {
         /// The shell
@@ -75,6 +79,23 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Number of threads [default: one per processor]; the results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) threads: Option<u16>,
+    /// No progress on the terminal
+    #[arg(long, short)]
+    pub(crate) quiet: bool,
+}
+
+/// How much to verify and where the results go.
+#[derive(Debug, Args)]
+pub(crate) struct VerifyArgs {
+    /// One case of a kind: seconds instead of minutes
+    #[arg(long)]
+    pub(crate) fast: bool,
+    /// Directory for the results
+    #[arg(long, value_name = "DIR", default_value = "verify")]
+    pub(crate) out: PathBuf,
+    /// Number of cases at a time, each on one thread [default: one per processor]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) threads: Option<u16>,
     /// No progress on the terminal

@@ -1,5 +1,7 @@
 //! What each subcommand does: read the room, plan, run, write.
 
+mod verify;
+
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
@@ -25,6 +27,7 @@ pub(crate) fn run(command: Command) -> Result<()> {
         Command::Sweep(args) => sweep(&args),
         Command::Plan(args) => plan(&args),
         Command::Check(args) => check(&args),
+        Command::Verify(args) => verify::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "diffray", &mut script);

@@ -11,4 +11,5 @@ pub mod scene;
 pub mod simulate;
 pub mod sweep;
 pub mod trace;
+pub mod verify;
 pub mod wbsdf;

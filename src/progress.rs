@@ -22,13 +22,16 @@ impl Bar {
         if quiet {
             return Bar { bar: ProgressBar::hidden(), limits };
         }
-        let bar = ProgressBar::new(simulations as u64 * STEPS);
-        // A style is refused only if its template is malformed; then the default one does.
-        if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {elapsed}  {wide_msg}") {
-            bar.set_style(style);
-        }
-        bar.enable_steady_tick(Duration::from_millis(200));
+        let bar = styled(simulations as u64 * STEPS);
         Bar { bar, limits }
+    }
+
+    /// A bar for this many equal steps; hidden if `quiet`.
+    pub(crate) fn of_steps(steps: u64, quiet: bool) -> ProgressBar {
+        if quiet {
+            return ProgressBar::hidden();
+        }
+        styled(steps)
     }
 
     /// Says what is being done, before rays are traced.
@@ -51,6 +54,17 @@ impl Bar {
     pub(crate) fn done(&self, index: usize) {
         self.bar.set_position((index as u64 + 1) * STEPS);
     }
+}
+
+/// A bar of this length as all commands have it.
+fn styled(length: u64) -> ProgressBar {
+    let bar = ProgressBar::new(length);
+    // A style is refused only if its template is malformed; then the default one does.
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {elapsed}  {wide_msg}") {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
 }
 
 impl Drop for Bar {
@@ -83,6 +97,7 @@ mod tests {
         edges: Edges::Auto,
         transport: Transport::Wbsdf,
         interference: false,
+        ray_tolerance: 2e-3,
     };
 
     fn share(rays: u64, seconds: f64, worst_db: f64) -> f64 {

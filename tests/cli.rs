@@ -87,7 +87,7 @@ fn text(bytes: &[u8]) -> &str {
 #[test]
 fn help_and_version_go_to_the_standard_output() {
     let place = Place::new("");
-    for args in [&["--help"][..], &["--version"], &["simulate", "--help"], &["sweep", "--help"]] {
+    for args in [&["--help"][..], &["--version"], &["simulate", "--help"], &["verify", "--help"]] {
         let output = place.diffray(args);
         assert_eq!(status(&output), 0, "{args:?}");
         assert!(text(&output.stdout).contains("diffray"), "{args:?}");

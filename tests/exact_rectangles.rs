@@ -1,4 +1,4 @@
-//! Rectangular openings in a rigid thin screen against boundary elements (tests/reference/rectangles.csv).
+//! Rectangular openings in a rigid thin screen against boundary elements (src/verify/reference/rectangles.csv).
 
 mod reference;
 

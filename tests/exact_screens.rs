@@ -1,4 +1,4 @@
-//! Slits, sliding doors and pairs of slits in a rigid thin screen against exact solutions (tests/reference/screens.csv).
+//! Slits, sliding doors and pairs of slits in a rigid thin screen against exact solutions (src/verify/reference/screens.csv).
 
 mod reference;
 

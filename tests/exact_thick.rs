@@ -1,4 +1,4 @@
-//! Slits through rigid walls of some thickness against exact solutions (tests/reference/thick_slits.csv).
+//! Slits through rigid walls of some thickness against exact solutions (src/verify/reference/thick_slits.csv).
 
 mod reference;
 

@@ -35,6 +35,7 @@ fn run(name: &str) -> Run {
             edges: Edges::Auto,
             transport: Transport::Wbsdf,
             interference: false,
+            ray_tolerance: 2e-3,
         },
         output: Output { sample_rate_hz: 48_000, response_length_s: None },
         spl_1m_db: vec![("talker".into(), vec![79.15; 8])],

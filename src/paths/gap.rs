@@ -37,8 +37,6 @@ enum Shape {
 
 /// Places across an opening (shares of its width) where sight of source and probe is tested.
 const SIGHT_PLACES: [f64; 5] = [0.02, 0.26, 0.5, 0.74, 0.98];
-/// Relative accuracy of the sums over signed rays.
-const TOLERANCE: f64 = 2e-3;
 
 /// A source or probe image with what it sees of a rectangular opening.
 struct Sight {
@@ -122,11 +120,12 @@ impl Gap {
                         let across = slit::sin_beta(mask, &crossing) == 1.0;
                         across.then(|| apertures[band].get_or_init(|| BandApertures::new(mask, depth_m, spectrum, 1.0)))
                     };
+                    let tolerance = scene.simulation.ray_tolerance;
                     let sum = match scene.simulation.transport {
-                        Transport::Paraxial => slit::paraxial_intensity(mask, &crossing, spectrum, TOLERANCE),
+                        Transport::Paraxial => slit::paraxial_intensity(mask, &crossing, spectrum, tolerance),
                         Transport::Exact => referee::exact_intensity(mask, depth_m, &crossing, spectrum),
                         Transport::Utd => rays.as_ref().map_or_else(RaySum::default, |r| utd_mean(r, spectrum)),
-                        _ => slit::intensity(mask, depth_m, &crossing, spectrum, solved, TOLERANCE),
+                        _ => slit::intensity(mask, depth_m, &crossing, spectrum, solved, tolerance),
                     };
                     let air = (-scene.air.attenuation_per_m[band] * length).exp();
                     let factor = share * loss[band] * air;

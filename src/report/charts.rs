@@ -23,7 +23,7 @@ type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
 /// The library places everything on whole units; drawing twice as large makes them half a pixel.
 const WIDTH: u32 = 820;
 const HEIGHT: u32 = 500;
-const FONT: u32 = 29;
+pub(super) const FONT: u32 = 29;
 
 /// Levels lower than this below the highest one are cut off at the bottom of a chart, in dB.
 const SPAN_DB: f64 = 60.0;
@@ -31,7 +31,7 @@ const SPAN_DB: f64 = 60.0;
 /// An early part more than this below the lowest level is not shown, in dB.
 const EARLY_SPAN_DB: f64 = 15.0;
 
-fn draw(label: &str, content: impl FnOnce(&Area) -> Drawn) -> Result<String> {
+pub(super) fn draw(label: &str, content: impl FnOnce(&Area) -> Drawn) -> Result<String> {
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
@@ -49,7 +49,7 @@ fn draw(label: &str, content: impl FnOnce(&Area) -> Drawn) -> Result<String> {
     Ok(with_classes(&svg))
 }
 
-fn text_style(anchor: Pos) -> TextStyle<'static> {
+pub(super) fn text_style(anchor: Pos) -> TextStyle<'static> {
     ("sans-serif", FONT).into_font().color(&Ink::Text.color()).pos(anchor)
 }
 

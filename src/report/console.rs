@@ -17,7 +17,8 @@ const NEGLIGIBLE_ERROR_DB: f64 = 0.005;
 const RULE: LineStyle = LineStyle::none().fill('─').junction('─');
 const STYLE: TableStyle = TableStyle::new().top_border(RULE).header_separator(RULE).bottom_border(RULE);
 
-fn table(header: Vec<String>, left_columns: usize) -> Table {
+/// A table with rules; all columns but the first `left_columns` are right-aligned.
+pub(crate) fn table(header: Vec<String>, left_columns: usize) -> Table {
     let mut table = Table::new();
     table.load_style(STYLE).set_content_arrangement(ContentArrangement::Disabled);
     let columns = header.len();

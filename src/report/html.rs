@@ -62,17 +62,24 @@ pub(super) fn sweep_page(results: &Swept) -> Result<String> {
     Ok(page(&results.run, "sweep", &body))
 }
 
-/// Everything around the results: head, facts, warnings, plan and room file.
-fn page(run: &Run, kind: &str, body: &str) -> String {
-    let title = escaped(&run.name);
+/// A self-contained page: `head` stands below the title, `foot` in the footer.
+pub(crate) fn document(title: &str, kind: &str, head: &str, body: &str, foot: &str) -> String {
+    let title = escaped(title);
     let mut out = String::new();
     put!(out, "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">");
     put!(out, "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">");
     put!(out, "<title>{title} – diffray {kind}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>");
     put!(out, "<header>\n<h1>{title}</h1>");
     put!(out, "<p class=\"muted\">Acoustic {kind} by diffray {}</p>", env!("CARGO_PKG_VERSION"));
-    facts(&mut out, run);
-    put!(out, "</header>");
+    put!(out, "{head}</header>\n{body}\n<footer>{foot}</footer>\n</body>\n</html>");
+    out
+}
+
+/// Everything around the results: head, facts, warnings, plan and room file.
+fn page(run: &Run, kind: &str, body: &str) -> String {
+    let mut head = String::new();
+    facts(&mut head, run);
+    let mut out = String::new();
     if !run.warnings.is_empty() {
         put!(out, "<section class=\"warnings\">\n<h2>Warnings</h2>\n<ul>");
         for w in &run.warnings {
@@ -94,9 +101,9 @@ fn page(run: &Run, kind: &str, body: &str) -> String {
         put!(out, "<p>Changed on the command line:</p>\n<pre>{}</pre>", escaped(&run.set.join("\n")));
     }
     put!(out, "<details>\n<summary>Show the room file</summary>\n<pre>{}</pre>\n</details>", escaped(&run.source.text));
-    put!(out, "<footer>Levels are relative to the same source's free field at 1 m.");
-    put!(out, "Every number is in the CSV files beside this page.</footer>\n</body>\n</html>");
-    out
+    let foot = "Levels are relative to the same source's free field at 1 m.\n\
+                Every number is in the CSV files beside this page.";
+    document(&run.name, kind, &head, &out, foot)
 }
 
 fn facts(out: &mut String, run: &Run) {
@@ -120,6 +127,11 @@ fn facts(out: &mut String, run: &Run) {
         ("Time", format!("{}<br><small>{}</small>", notation::duration(total_s), phases.join(", "))),
         ("Seed", run.simulation.seed.to_string()),
     ];
+    facts_list(out, &rows);
+}
+
+/// Terms with their values, as HTML.
+pub(crate) fn facts_list(out: &mut String, rows: &[(&str, String)]) {
     put!(out, "<dl class=\"facts\">");
     for (term, value) in rows {
         put!(out, "<div><dt>{term}</dt><dd>{value}</dd></div>");
@@ -191,7 +203,7 @@ fn significant(error_db: f64) -> String {
     if error_db < 0.005 { "&lt;0.01".to_owned() } else { format!("{error_db:.2}") }
 }
 
-fn figure(out: &mut String, heading: &str, svg: Option<String>, caption: &str) {
+pub(crate) fn figure(out: &mut String, heading: &str, svg: Option<String>, caption: &str) {
     match svg {
         Some(svg) => {
             put!(out, "<figure>\n<h4>{heading}</h4>\n{svg}\n<figcaption>{caption}</figcaption>\n</figure>");
@@ -452,7 +464,7 @@ fn sweep_figures(results: &Swept, of_pair: &[&Series], name: &str) -> Result<Str
 }
 
 /// Samples of the line colours with their meaning; empty without keys.
-fn legend(keys: &[(Ink, String)]) -> String {
+pub(crate) fn legend(keys: &[(Ink, String)]) -> String {
     if keys.is_empty() {
         return String::new();
     }

@@ -4,11 +4,11 @@
 use plotters::style::{Color, RGBColor, ShapeStyle};
 
 /// Number of colours in the ramp over the bands.
-pub(super) const RAMP: usize = 10;
+pub(crate) const RAMP: usize = 10;
 
 /// What a line or area in a chart stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Ink {
+pub(crate) enum Ink {
     /// Words and numbers.
     Text,
     /// Grid lines.

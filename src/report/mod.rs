@@ -6,11 +6,12 @@
 
 mod beside;
 mod charts;
-mod console;
+pub(crate) mod console;
 mod folder;
-mod html;
-mod ink;
-mod notation;
+pub(crate) mod html;
+pub(crate) mod ink;
+pub(crate) mod notation;
+pub(crate) mod pareto;
 mod record;
 mod series;
 mod tables;

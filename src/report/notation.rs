@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 /// A band's centre: "63 Hz", "1 kHz", "3.15 kHz".
-pub(super) fn band(hz: f64) -> String {
+pub(crate) fn band(hz: f64) -> String {
     if hz >= 1000.0 { format!("{} kHz", trimmed(hz / 1000.0, 3)) } else { format!("{} Hz", trimmed(hz, 2)) }
 }
 
@@ -13,7 +13,7 @@ pub(super) fn band_tick(hz: f64) -> String {
 }
 
 /// At most `digits` decimals, without trailing zeros.
-pub(super) fn trimmed(x: f64, digits: usize) -> String {
+pub(crate) fn trimmed(x: f64, digits: usize) -> String {
     let text = format!("{x:.digits$}");
     if !text.contains('.') {
         return text;
@@ -51,7 +51,7 @@ pub(super) fn act_of(parameter: &str) -> &'static str {
 }
 
 /// A duration for people: "0.42 s", "3 min 12 s".
-pub(super) fn duration(seconds: f64) -> String {
+pub(crate) fn duration(seconds: f64) -> String {
     if seconds < 1e-3 {
         format!("{:.0} µs", seconds * 1e6)
     } else if seconds < 1.0 {
@@ -64,7 +64,7 @@ pub(super) fn duration(seconds: f64) -> String {
 }
 
 /// An integer with thin groups of three digits: "1 234 567".
-pub(super) fn grouped(n: u64) -> String {
+pub(crate) fn grouped(n: u64) -> String {
     let digits = n.to_string();
     let mut text = String::with_capacity(digits.len() + digits.len() / 3);
     for (i, c) in digits.chars().enumerate() {
@@ -77,7 +77,7 @@ pub(super) fn grouped(n: u64) -> String {
 }
 
 /// Text made safe for the inside of HTML elements and quoted attributes.
-pub(super) fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {

@@ -395,6 +395,8 @@ pub struct Simulation {
     pub transport: Transport,
     /// Whether the deterministic paths of a source add as pressures rather than as energies.
     pub interference: bool,
+    /// Relative accuracy of the sums over signed rays; no key of the room file, `verify` varies it.
+    pub ray_tolerance: f64,
 }
 
 /// Options of the impulse responses.

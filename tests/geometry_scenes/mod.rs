@@ -47,6 +47,7 @@ pub(crate) fn empty() -> Scene {
             edges: Edges::Auto,
             transport: Transport::Wbsdf,
             interference: false,
+            ray_tolerance: 2e-3,
         },
         output: Output { sample_rate_hz: 48000, response_length_s: None },
         sweep: None,

@@ -1,4 +1,4 @@
-//! Rooms in text, their levels, and the exact tables of this folder.
+//! Rooms in text, their levels, and the exact tables that `diffray verify` runs.
 
 #![allow(dead_code, unreachable_pub, reason = "every test file uses its own part")]
 
@@ -30,9 +30,9 @@ impl Row {
     }
 }
 
-/// All rows of `tests/reference/<name>.csv`.
+/// All rows of `src/verify/reference/<name>.csv`.
 pub fn table(name: &str) -> Vec<Row> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reference").join(format!("{name}.csv"));
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/verify/reference").join(format!("{name}.csv"));
     let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_path(&path).expect("table is there");
     let columns = reader.headers().expect("table has a header").clone();
     let row = |r: csv::StringRecord| Row(columns.iter().map(String::from).zip(r.iter().map(String::from)).collect());

@@ -46,6 +46,7 @@ pub(crate) fn empty(bands: usize) -> Scene {
             edges: Edges::Auto,
             transport: Transport::Wbsdf,
             interference: false,
+            ray_tolerance: 2e-3,
         },
         output: Output { sample_rate_hz: 48_000, response_length_s: None },
         sweep: None,

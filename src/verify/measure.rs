@@ -1,0 +1,87 @@
+//! Running a case with a transport: the errors of its levels and the time they take.
+
+use std::time::{Duration, Instant};
+
+use super::cases::Case;
+use crate::error::{Error, Result};
+use crate::geometry::Geometry;
+use crate::plan::Plan;
+use crate::scene::{Scene, Transport};
+use crate::simulate;
+
+/// A run is repeated for at least this long, so that the clock and the first touch of memory do not count.
+const LEAST: Duration = Duration::from_millis(5);
+
+/// A transport with what it may spend.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Method {
+    /// Value of `simulation.transport`.
+    pub transport: Transport,
+    /// The same as text.
+    pub name: &'static str,
+    /// Relative accuracy of the sums over signed rays.
+    pub tolerance: f64,
+}
+
+impl Method {
+    /// With the accuracy that rooms get.
+    pub const fn new(transport: Transport, name: &'static str) -> Self {
+        Self { transport, name, tolerance: 1e-4 }
+    }
+
+    /// Name and, for signed rays, tolerance.
+    pub fn label(&self) -> String {
+        if self.transport == Transport::Wbsdf {
+            format!("{} {:.0e}", self.name, self.tolerance)
+        } else {
+            self.name.to_owned()
+        }
+    }
+}
+
+/// What one case gave.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// Computed level minus exact level in dB, one a reference level of the case; -inf where nothing arrives.
+    pub errors_db: Vec<f64>,
+    /// Levels that a run computes: probes times bands.
+    pub computed: usize,
+    /// Time of one run in s, deterministic paths and levels only: the quickest of all repetitions.
+    pub time_s: f64,
+}
+
+/// Runs the case; `None` if the transport refuses its room.
+///
+/// # Errors
+/// What [`Scene::from_str`], [`Geometry::new`] and [`simulate::run`] say.
+pub(super) fn measure(case: &Case, method: &Method) -> Result<Option<Measured>> {
+    let loaded = match Scene::from_str(&case.room_text(method.name), "reference.toml", &[]) {
+        Ok(loaded) => loaded,
+        Err(Error::Input { .. }) if method.transport != Transport::Wbsdf => return Ok(None),
+        Err(error) => return Err(error),
+    };
+    let mut scene = loaded.scene;
+    scene.simulation.ray_tolerance = method.tolerance;
+    let geometry = Geometry::new(&scene)?;
+    // Everything here is on deterministic paths; walls that end must not bring traced rays in.
+    let plan = Plan { traced: None, ..Plan::new(&scene, &geometry) };
+    let begin = Instant::now();
+    let mut time_s = f64::INFINITY;
+    let outcome = loop {
+        let start = Instant::now();
+        let outcome = simulate::run(&scene, &geometry, &plan, &|_| {})?;
+        time_s = time_s.min(start.elapsed().as_secs_f64());
+        if begin.elapsed() >= LEAST {
+            break outcome;
+        }
+    };
+    let error_db = |exact: &super::cases::Reference| {
+        let band = scene.bands.iter().position(|b| b.nominal_hz == exact.band_hz);
+        let level = band.and_then(|band| outcome.receptions.get(exact.probe)?.levels.get(band));
+        level.map(|level| level.level_db() - exact.level_db).ok_or_else(|| {
+            Error::Run(format!("{}: no level at probe {} and {} Hz", case.name, exact.probe, exact.band_hz))
+        })
+    };
+    let errors_db = case.levels.iter().map(error_db).collect::<Result<_>>()?;
+    Ok(Some(Measured { errors_db, computed: scene.bands.len() * scene.probes.len(), time_s }))
+}
