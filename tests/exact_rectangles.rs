@@ -20,29 +20,47 @@ fn errors(mean: &str, chosen: impl Fn(&Row) -> bool) -> Errors {
     errors
 }
 
-// The product of two slits leaves the corners out: felt where the long side is less than a wavelength or two.
+/// Doors of 0.9 m by 2 m and ajar by 0.1 m, by boundary elements.
+fn door(row: &Row) -> bool {
+    let sides = (row.number("width_m"), row.number("height_m"));
+    // The rows computed by boundary elements are those whose source lies on one of two places.
+    (sides == (0.1, 2.0) || sides == (0.9, 2.0)) && [0.0, -1.0].contains(&row.number("sx_m"))
+}
+
+// The table is good to 0.005 dB where two meshes were run, as they were up to 500 Hz (0.1 m wide: 1 kHz).
 
 #[test]
-fn from_500_hz_octave_levels_behind_a_door_are_within_a_quarter_decibel() {
-    errors("octave", |r| r.number("width_m") > 0.5 && r.number("band_hz") >= 500.0)
-        .assert_within("0.9 m by 2 m", [0.06, 0.18, 0.25]);
+fn levels_behind_a_door_of_few_wavelengths_are_exact() {
+    errors("octave", |r| door(r) && r.number("width_m") > 0.5 && r.number("band_hz") <= 500.0)
+        .assert_within("0.9 m by 2 m", [0.003, 0.005, 0.01]);
+    errors("octave", |r| door(r) && r.number("width_m") < 0.5 && r.number("band_hz") <= 1000.0)
+        .assert_within("0.1 m by 2 m", [0.001, 0.002, 0.01]);
+}
+
+// Beyond, the product of two slits leaves the corners out.
+
+#[test]
+fn octave_levels_behind_doors_of_many_wavelengths_are_within_a_tenth_of_a_decibel() {
+    errors("octave", |r| door(r) && r.number("width_m") > 0.5 && r.number("band_hz") > 500.0)
+        .assert_within("0.9 m by 2 m", [0.05, 0.1, 0.12]);
+    errors("octave", |r| door(r) && r.number("width_m") < 0.5 && r.number("band_hz") > 1000.0)
+        .assert_within("0.1 m by 2 m", [0.03, 0.08, 0.1]);
 }
 
 #[test]
-fn at_125_and_250_hz_octave_levels_behind_a_door_are_within_0_6_db() {
-    errors("octave", |r| r.number("width_m") > 0.5 && r.number("band_hz") < 500.0)
-        .assert_within("0.9 m by 2 m", [0.3, 0.55, 0.6]);
+fn tones_behind_rectangles_are_within_a_quarter_decibel() {
+    errors("tone", |_| true).assert_within("tones", [0.01, 0.2, 0.25]);
 }
 
 #[test]
-fn octave_levels_behind_a_door_ajar_are_within_0_7_db_and_0_4_from_1_khz() {
-    errors("octave", |r| r.number("width_m") < 0.5 && r.number("band_hz") >= 1000.0)
-        .assert_within("0.1 m by 2 m", [0.05, 0.25, 0.4]);
-    errors("octave", |r| r.number("width_m") < 0.5 && r.number("band_hz") < 1000.0)
-        .assert_within("0.1 m by 2 m", [0.5, 0.65, 0.7]);
+fn hatches_gaps_and_squares_are_exact_at_oblique_and_near_places() {
+    // Sides of 0.02 to 1.2 m, up to 75 degrees off the normal and 0.5 m near, both planes.
+    errors("octave", |r| !door(r) && r.number("width_m") * r.number("height_m") * r.number("band_hz") < 1000.0)
+        .assert_within("hatches", [0.002, 0.01, 0.05]);
 }
 
 #[test]
-fn tones_behind_rectangles_are_within_1_db() {
-    errors("tone", |_| true).assert_within("tones", [0.3, 0.7, 1.0]);
+fn levels_oblique_to_both_sides_of_a_door_are_within_2_db_at_1_khz() {
+    errors("octave", |r| !door(r) && r.number("width_m") * r.number("height_m") * r.number("band_hz") > 1000.0)
+        .assert_within("doors, oblique", [0.35, 1.5, 1.5]);
 }

@@ -1,19 +1,21 @@
-//! A rectangular opening between two points: the product of its two directions, frequency by frequency.
+//! A rectangular opening between two points: exact where its longer side is a few wavelengths, beyond the product of its two
+//! directions, frequency by frequency.
 //!
-//! In each direction the opening is a slit between source and receiver at the distances that the shortest way through
-//! the opening has when it is unfolded, and its transfer |p/p_free|^2 is that of the slit: signed rays with eq. (5a-c) where it is wide, the exact aperture where it
-//! is narrow. The transfers of a single frequency are sums of sines in f, so a whole grid of frequencies costs one
-//! evaluation of the rays and a rotation a frequency; their product is then averaged over the band. Where the opening is
-//! narrow both ways the product of two slits fails (each of them has the slit's logarithm): there it radiates like the
-//! hole of equal area, with the exact transmission of the circular hole.
+//! The exact form is hatch.rs. For the product the opening is, in each direction, a slit between source and receiver at the distances that the
+//! shortest way through the opening has when it is unfolded, and its transfer |p/p_free|^2 is that of the slit: signed rays with eq. (5a-c) where
+//! it is wide, the exact aperture where it is narrow. The transfers of a single frequency are sums of sines in f, so a
+//! whole grid of frequencies costs one evaluation of the rays and a rotation a frequency; their product is then averaged over
+//! the band.
 
+use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use glam::DVec3;
-use num_complex::Complex64;
 
 use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
+use super::hatch::{Driven, Hatch, View, transmission, unknowns};
 use super::mask::Jambs;
 use super::quadrature::{PHASE_PER_PANEL, panel_nodes};
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
@@ -21,12 +23,18 @@ use super::thick::{ThickAperture, is_thick};
 
 /// k times width up to which a side is solved exactly.
 const NARROW_SIDE_KA: f64 = 12.0;
-/// k times width between which the depth of the gap along the narrower side loses its weight.
+/// k times width between which the depth of the gap along the narrower side loses its weight in the product.
 const DEEP_KA: [f64; 2] = [6.0, NARROW_SIDE_KA];
-/// k times width of both sides up to which the opening is a small hole.
+/// k times width of both sides up to which traced rays meet a small hole.
 const SMALL_HOLE_KA: f64 = 3.0;
+/// Unknowns of the exact rectangle between which the product takes over from it: k times the side 16 to 25 for squares, more
+/// for slender openings. A band costs up to 0.1 s there, and eight times that an octave further.
+const EXACT_UNKNOWNS: [f64; 2] = [260.0, 420.0];
+/// Distances of the farther of source and receiver from the opening, in longer sides, between which the exact rectangle
+/// takes over from the product: its functions do not resolve the field between two points that are nearer.
+const EXACT_FROM: [f64; 2] = [0.08, 0.16];
 
-/// How the two sides of a rectangular opening are modelled in a band.
+/// How a rectangular opening is modelled in a band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sides {
@@ -36,9 +44,9 @@ pub enum Sides {
     NarrowX,
     /// Signed rays along x, exact aperture along y.
     NarrowY,
-    /// Exact aperture both ways.
-    NarrowBoth,
-    /// Hole of equal area.
+    /// The exact rectangle.
+    Exact,
+    /// The exact rectangle, for traced rays a hole that radiates evenly.
     SmallHole,
     /// Signed rays of the published small-angle form both ways.
     Paraxial,
@@ -49,32 +57,140 @@ impl Sides {
     pub fn of(width_m: f64, height_m: f64, spectrum: &Spectrum) -> Self {
         let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
         let (x, y) = (k * width_m, k * height_m);
-        if x.max(y) < SMALL_HOLE_KA {
-            Self::SmallHole
-        } else {
-            match (x < NARROW_SIDE_KA, y < NARROW_SIDE_KA) {
-                (true, true) => Self::NarrowBoth,
-                (true, false) => Self::NarrowX,
+        match x.max(y) {
+            ka if ka < SMALL_HOLE_KA => Self::SmallHole,
+            _ if unknowns(x, y) < EXACT_UNKNOWNS[1] => Self::Exact,
+            _ => match (x < NARROW_SIDE_KA, y < NARROW_SIDE_KA) {
+                (true, _) => Self::NarrowX,
                 (false, true) => Self::NarrowY,
                 (false, false) => Self::WideBoth,
-            }
+            },
         }
     }
 }
 
-/// A rectangular opening of a rigid thin screen in one band: what is the same for all sources and receivers.
+/// A rectangular opening of a rigid screen in one band: what is the same for all sources and receivers.
 pub struct Rectangle {
     x_m: [f64; 2],
     y_m: [f64; 2],
+    thickness_m: f64,
     spectrum: Spectrum,
     sides: Sides,
+    exact: Option<Hatch>,
+    /// Points that the exact rectangle has met, by the bits of their coordinates.
+    met: Mutex<HashMap<[u64; 3], Arc<Met>>>,
+    product: OnceLock<Product>,
+}
+
+/// A point as the exact rectangle sees it, and what it does there as a source.
+struct Met {
+    view: View,
+    driven: OnceLock<Driven>,
+}
+
+/// Most points that are kept: some 100 kB each.
+const MOST_MET: usize = 500;
+
+impl Rectangle {
+    /// Prepares the opening `x_m` by `y_m` (limits along its sides in m) through a wall of `thickness_m` for the band.
+    ///
+    /// In the product its depth counts across the narrower side only, where it makes a resonating gap.
+    pub fn new(x_m: [f64; 2], y_m: [f64; 2], thickness_m: f64, spectrum: &Spectrum, sides: Sides) -> Self {
+        let (width, height) = (x_m[1] - x_m[0], y_m[1] - y_m[0]);
+        let narrow = width.min(height);
+        let exact = (matches!(sides, Sides::Exact | Sides::SmallHole) && narrow > 0.0).then(|| {
+            let depth = if is_thick(narrow, thickness_m) { thickness_m } else { 0.0 };
+            Hatch::new(x_m, y_m, depth, &wave_numbers(width, height, depth, spectrum))
+        });
+        Self {
+            x_m,
+            y_m,
+            thickness_m,
+            spectrum: *spectrum,
+            sides,
+            exact,
+            met: Mutex::default(),
+            product: OnceLock::new(),
+        }
+    }
+
+    /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
+    /// mean. Both in the opening's frame (x and y along its sides, z the normal, in m), on opposite sides of z = 0.
+    /// Swapping them changes nothing.
+    pub fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let share = self.exact_share(source, receiver);
+        let exact = match &self.exact {
+            Some(hatch) if share > 0.0 => {
+                let (from, to) = (self.meet(hatch, source), self.meet(hatch, receiver));
+                hatch.intensity(from.driven.get_or_init(|| hatch.driven(&from.view)), &to.view)
+            }
+            _ => 0.0,
+        };
+        if share == 1.0 {
+            return exact;
+        }
+        let product = self.product.get_or_init(|| {
+            Product::new(self.x_m, self.y_m, self.thickness_m, &self.spectrum, self.sides == Sides::Paraxial)
+        });
+        share * exact + (1.0 - share) * product.intensity(source, receiver)
+    }
+
+    fn meet(&self, hatch: &Hatch, point: DVec3) -> Arc<Met> {
+        let key = point.to_array().map(f64::to_bits);
+        // A lock is poisoned by a panic only, and what it guards is whole even then.
+        let met = || self.met.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(met) = met().get(&key) {
+            return Arc::clone(met);
+        }
+        let new = Arc::new(Met { view: hatch.view(point), driven: OnceLock::new() });
+        let mut met = met();
+        if met.len() < MOST_MET {
+            met.insert(key, Arc::clone(&new));
+        }
+        new
+    }
+
+    /// Share of the exact rectangle: it falls smoothly where the opening grows wide and where both points come near.
+    fn exact_share(&self, source: DVec3, receiver: DVec3) -> f64 {
+        if self.exact.is_none() {
+            return 0.0;
+        }
+        let k = 0.5 * (self.spectrum.low_k() + self.spectrum.high_k());
+        let (width, height) = (self.x_m[1] - self.x_m[0], self.y_m[1] - self.y_m[0]);
+        let longer = width.max(height);
+        let away = |p: DVec3| {
+            let beyond = |x: f64, limits: [f64; 2]| x - x.clamp(limits[0], limits[1]);
+            DVec3::new(beyond(p.x, self.x_m), beyond(p.y, self.y_m), p.z).length()
+        };
+        let farther = away(source).max(away(receiver));
+        fade(unknowns(k * width, k * height), EXACT_UNKNOWNS) * (1.0 - fade(farther / longer, EXACT_FROM))
+    }
+}
+
+/// Wave numbers and weights for the mean over a band through an opening of `width_m` by `height_m` and `depth_m`.
+///
+/// |p|^2 varies over the band like cos(k d), d at most twice the diagonal (see slit.rs). A mouth of area A sends back
+/// 1 - k^2 A/pi of a wave in the gap (a piston's radiation), one that is wide across 1 - k a: so wide are the resonances.
+fn wave_numbers(width_m: f64, height_m: f64, depth_m: f64, spectrum: &Spectrum) -> Vec<(f64, f64)> {
+    let (low, high) = (spectrum.low_k(), spectrum.high_k());
+    let smooth = 0.7 * (high - low) * (width_m.hypot(height_m) + depth_m);
+    let mouth = width_m.min(height_m).min(low * width_m * height_m / PI);
+    let resonances = if depth_m > 0.0 { resonant(&[[0.0, mouth]], depth_m, low, high) } else { 0.0 };
+    let count = if high > low { 4 + ((smooth + resonances).ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
+    gauss_nodes(low, high, count).collect()
+}
+
+/// The product of the two directions.
+struct Product {
+    x_m: [f64; 2],
+    y_m: [f64; 2],
+    spectrum: Spectrum,
+    jambs: Jambs,
     /// Wave numbers and weights where a side is solved exactly.
     nodes: Vec<(f64, f64)>,
     /// Factorised sides at the nodes; empty for wide ones.
     across_x: Vec<ExactSide>,
     across_y: Vec<ExactSide>,
-    /// What the depth of a small hole leaves of its transmission.
-    tube: f64,
 }
 
 /// A narrow side at one wave number: the share of the gap with its depth, and without.
@@ -100,23 +216,14 @@ impl ExactSide {
     }
 }
 
-impl Rectangle {
-    /// Prepares the opening `x_m` by `y_m` (limits along its sides in m) through a wall of `thickness_m` for the band.
-    ///
-    /// Its depth counts across the narrower side only, where it makes a resonating gap; that of a wide opening is left out.
-    pub fn new(x_m: [f64; 2], y_m: [f64; 2], thickness_m: f64, spectrum: &Spectrum, sides: Sides) -> Self {
+impl Product {
+    fn new(x_m: [f64; 2], y_m: [f64; 2], thickness_m: f64, spectrum: &Spectrum, paraxial: bool) -> Self {
         let (low, high) = (spectrum.low_k(), spectrum.high_k());
-        let (narrow_x, narrow_y) = match sides {
-            Sides::NarrowBoth => (true, true),
-            Sides::NarrowX => (true, false),
-            Sides::NarrowY => (false, true),
-            Sides::WideBoth | Sides::SmallHole | Sides::Paraxial => (false, false),
-        };
         let (width, height) = (x_m[1] - x_m[0], y_m[1] - y_m[0]);
+        let narrow = |width: f64| !paraxial && 0.5 * (low + high) * width < NARROW_SIDE_KA;
         let depth = if width <= height { [thickness_m, 0.0] } else { [0.0, thickness_m] };
         let mut nodes = Vec::new();
-        if narrow_x || narrow_y {
-            // |p|^2 varies over the band like cos(k d), d at most twice the diagonal (see slit.rs).
+        if narrow(width) || narrow(height) {
             let diagonal = width.hypot(height);
             // A side that is solved exactly is the narrower one, or both are.
             let resonances = resonant(&[if width <= height { x_m } else { y_m }], thickness_m, low, high);
@@ -127,21 +234,14 @@ impl Rectangle {
         let solve = |narrow: bool, limits: [f64; 2], depth: f64| -> Vec<ExactSide> {
             nodes.iter().filter(|_| narrow).map(|(k, _)| ExactSide::new(limits, depth, *k)).collect()
         };
-        let (across_x, across_y) = (solve(narrow_x, x_m, depth[0]), solve(narrow_y, y_m, depth[1]));
-        let tube =
-            if sides == Sides::SmallHole { tube_transmission(width, height, thickness_m, spectrum) } else { 1.0 };
-        Self { x_m, y_m, spectrum: *spectrum, sides, nodes, across_x, across_y, tube }
+        let (across_x, across_y) = (solve(narrow(width), x_m, depth[0]), solve(narrow(height), y_m, depth[1]));
+        let jambs = if paraxial { Jambs::Paraxial } else { Jambs::Rigid };
+        Self { x_m, y_m, spectrum: *spectrum, jambs, nodes, across_x, across_y }
     }
 
-    /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
-    /// mean. Both in the opening's frame (x and y along its sides, z the normal, in m), on opposite sides of z = 0.
-    /// Swapping them changes nothing.
-    pub fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
+    fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
         let (source, receiver) = facing(source, receiver);
-        let (x_m, y_m, spectrum) = (self.x_m, self.y_m, &self.spectrum);
-        if self.sides == Sides::SmallHole {
-            return self.tube * small_hole(x_m, y_m, source, receiver, spectrum);
-        }
+        let (x_m, y_m, spectrum, jambs) = (self.x_m, self.y_m, &self.spectrum, self.jambs);
         let Some(over) = shortest_over(source, receiver, x_m, y_m) else { return 0.0 };
         let (into, out) = (over - source, receiver - over);
         // Along each side the way is unfolded about the shortest one: the other direction only makes it longer.
@@ -153,7 +253,6 @@ impl Rectangle {
         let y = side(y_m, source.y, receiver.y, into.z.hypot(into.x), out.z.hypot(out.x));
         // Cylindrical spreading along either side: 1/r^2 where the straight way is free.
         let spread = x.crossing.free_intensity() * y.crossing.free_intensity();
-        let jambs = if self.sides == Sides::Paraxial { Jambs::Paraxial } else { Jambs::Rigid };
         if self.nodes.is_empty() {
             let width = spectrum.high_k() - spectrum.low_k();
             let phase = width * (x.detour_m() + y.detour_m());
@@ -205,63 +304,10 @@ fn facing(source: DVec3, receiver: DVec3) -> (DVec3, DVec3) {
     if source.z > receiver.z { (turn(source), turn(receiver)) } else { (source, receiver) }
 }
 
-/// Transmission coefficient of a circular hole in a thin rigid screen at normal incidence, `ka` = k times radius:
-/// exact values (Bouwkamp 1954; rounded to 1e-6), interpolated.
-pub fn hole_transmission(ka: f64) -> f64 {
-    const TABLE: [(f64, f64); 8] = [
-        (0.0, 0.810_569),
-        (0.01, 0.810_573),
-        (0.5, 0.818_464),
-        (1.0, 0.841_502),
-        (2.0, 0.917_343),
-        (3.0, 0.976_083),
-        (5.0, 0.987_723),
-        (10.0, 0.997_927),
-    ];
-    let after = TABLE.partition_point(|row| row.0 <= ka);
-    if after == TABLE.len() {
-        return 1.0;
-    }
-    let (low, high) = (TABLE[after - 1], TABLE[after]);
-    low.1 + (high.1 - low.1) * (ka - low.0) / (high.0 - low.0)
-}
-
-/// Transmission coefficient of a rectangular hole smaller than the wavelength, `k` in 1/m: that of the circular hole of
-/// equal area times the square of the ratio of their conductivities, sqrt(p/q) AGM(1, q/p) for an ellipse with
-/// semi-axes p >= q (Rayleigh 1897).
-pub fn small_hole_transmission(width_m: f64, height_m: f64, k: f64) -> f64 {
-    let ratio = width_m.min(height_m) / width_m.max(height_m);
-    let (mut a, mut g) = (1.0, ratio);
-    for _ in 0..8 {
-        (a, g) = (0.5 * (a + g), f64::sqrt(a * g));
-    }
-    hole_transmission(k * (width_m * height_m / PI).sqrt()) * a * a / ratio
-}
-
-/// What a depth of `thickness_m` leaves of a small hole's transmission, band mean: a tube between its two mouths.
-///
-/// A mouth has half the hole's resistance to flow, 1/(2 K), and radiates like a monopole on a baffle; K is the conductivity
-/// that belongs to [`small_hole_transmission`]. As k -> 0 this is K/(1 + K h/A) in place of K (Rayleigh 1897).
-pub fn tube_transmission(width_m: f64, height_m: f64, thickness_m: f64, spectrum: &Spectrum) -> f64 {
-    let (low, high, area) = (spectrum.low_k(), spectrum.high_k(), width_m * height_m);
-    let count = if high > low { 16 } else { 1 };
-    let at = |k: f64| {
-        let conductivity = (small_hole_transmission(width_m, height_m, k) * area * 0.5 * PI).sqrt();
-        let mouth = Complex64::new(0.5 / conductivity, k / TAU);
-        let (sin, cos) = (k * thickness_m).sin_cos();
-        let deep = 2.0 * mouth * cos + sin / (k * area) - mouth * mouth * k * area * sin;
-        (2.0 * mouth).norm_sqr() / deep.norm_sqr()
-    };
-    gauss_nodes(low, high, count).map(|(k, weight)| weight * at(k)).sum()
-}
-
-/// A hole much smaller than the wavelength: a monopole on the far side, whatever the incidence.
-fn small_hole(x_m: [f64; 2], y_m: [f64; 2], source: DVec3, receiver: DVec3, spectrum: &Spectrum) -> f64 {
-    let area = (x_m[1] - x_m[0]) * (y_m[1] - y_m[0]);
-    let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
-    let centre = DVec3::new(0.5 * (x_m[0] + x_m[1]), 0.5 * (y_m[0] + y_m[1]), 0.0);
-    let transmission = small_hole_transmission(x_m[1] - x_m[0], y_m[1] - y_m[0], k);
-    transmission * area / TAU / ((centre - source).length_squared() * (receiver - centre).length_squared())
+/// Transmission coefficient at normal incidence of an opening smaller than the wavelength, `thickness_m` deep, band mean: exact.
+pub fn small_hole_transmission(width_m: f64, height_m: f64, thickness_m: f64, spectrum: &Spectrum) -> f64 {
+    let depth = if is_thick(width_m.min(height_m), thickness_m) { thickness_m } else { 0.0 };
+    transmission(width_m, height_m, depth, &wave_numbers(width_m, height_m, depth, spectrum))
 }
 
 /// One direction of the opening.
