@@ -2,7 +2,7 @@
 
 mod reference;
 
-use reference::{Errors, Row, SCREEN, head, level, probe, source, table};
+use reference::{Errors, Row, SCREEN, head, level, levels, probe, source, table};
 
 fn errors(mean: &str, chosen: impl Fn(&Row) -> bool) -> Errors {
     let mut errors = Errors::default();
@@ -63,4 +63,43 @@ fn hatches_gaps_and_squares_are_exact_at_oblique_and_near_places() {
 fn levels_oblique_to_both_sides_of_a_door_are_within_2_db_at_1_khz() {
     errors("octave", |r| !door(r) && r.number("width_m") * r.number("height_m") * r.number("band_hz") > 1000.0)
         .assert_within("doors, oblique", [0.35, 1.5, 1.5]);
+}
+
+/// An opening in the screen with limits as they are written.
+fn opening(name: &str, x_m: &str, z_m: &str) -> String {
+    format!("[[opening]]\nname = \"{name}\"\nwall = \"screen\"\nx_m = {x_m}\ny_m = {z_m}\n")
+}
+
+/// A level in an octave band with a source and a probe.
+fn through(openings: &str, s: [f64; 3], p: [f64; 3], band_hz: f64) -> f64 {
+    level(&(head("octave", band_hz) + SCREEN + openings + &source("point", s, [0.0; 3]) + &probe("p", p)))
+}
+
+/// The plane z = 0 and reflections in it.
+fn floor(absorption: f64) -> String {
+    format!(
+        "[simulation]\nreflection_order = 2\n[material.ground]\nabsorption = {absorption:?}\n[[wall]]\nname = \"floor\"\n\
+         corners_m = [[0, 0, 0], [1, 0, 0], [1, 1, 0]]\nunbounded = true\nmaterial = \"ground\"\n"
+    )
+}
+
+fn energy(level_db: f64) -> f64 {
+    10_f64.powf(0.1 * level_db)
+}
+
+#[test]
+fn a_door_on_a_rigid_floor_is_half_of_one_twice_as_high() {
+    let door = opening("door", "[-0.45, 0.45]", "[0, 2]");
+    let twice = opening("door", "[-0.45, 0.45]", "[-2, 2]");
+    for (s, p) in [([0.3, 2.0, 1.2], [-0.5, -1.5, 1.6]), ([-1.0, 1.5, 0.4], [1.2, -0.8, 0.3])] {
+        for band_hz in [63.0, 250.0, 2000.0] {
+            let room = head("octave", band_hz) + &floor(0.0) + SCREEN + &door;
+            let got = level(&(room + &source("point", s, [0.0; 3]) + &probe("p", p)));
+            let image = [s[0], s[1], -s[2]];
+            let expected = energy(through(&twice, s, p, band_hz)) + energy(through(&twice, image, p, band_hz));
+            // The way over the floor and the direct one, added in energy like all paths.
+            let error = got - 10.0 * expected.log10();
+            assert!(error.abs() < 1e-6, "{s:?} {p:?} {band_hz}: {error}");
+        }
+    }
 }

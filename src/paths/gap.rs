@@ -5,46 +5,38 @@ use std::sync::OnceLock;
 use glam::DVec3;
 
 use super::Pair;
-use super::images::{ImageTree, Loss, Origin};
+use super::images::{ImageTree, Origin};
+use super::rectangle::Rectangles;
 use crate::geometry::{Geometry, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::{Crossing, Incident};
 use crate::wbsdf::mask::Mask;
-use crate::wbsdf::rectangle::{Rectangle, Sides, shortest_over};
 use crate::wbsdf::slit::{self, BandApertures};
 
-/// Openings that act as one: a rectangle, or all infinitely long slits of one plane.
+/// Openings that act as one: rectangles of one wall side by side, or all infinitely long slits of one plane.
 pub struct Gap {
     /// Name of the opening(s).
     pub name: String,
-    frame: Frame,
+    pub(super) frame: Frame,
     shape: Shape,
     /// What a ray that stands in the opening cannot meet.
-    skip: Skip,
+    pub(super) skip: Skip,
 }
 
 enum Shape {
     Slits { mask: Mask, depth_m: f64, apertures: Vec<OnceLock<BandApertures>> },
-    Rectangle { x_m: [f64; 2], y_m: [f64; 2], depth_m: f64, bands: Vec<OnceLock<Rectangle>> },
+    Rectangles(Rectangles),
 }
 
 /// Places across an opening (shares of its width) where sight of source and probe is tested.
-const SIGHT_PLACES: [f64; 5] = [0.02, 0.26, 0.5, 0.74, 0.98];
+pub(super) const SIGHT_PLACES: [f64; 5] = [0.02, 0.26, 0.5, 0.74, 0.98];
 /// Relative accuracy of the sums over signed rays.
 const TOLERANCE: f64 = 1e-4;
 
-/// A source or probe image with what it sees of a rectangular opening.
-struct Sight {
-    image: usize,
-    position: DVec3,
-    loss: Loss,
-    /// Which of the 5 x 5 places it reaches, x fastest.
-    seen: [bool; 25],
-}
-
 impl Gap {
-    /// All gaps of the geometry: slits of one plane with parallel edges are joined.
+    /// All gaps of the geometry: slits of one plane with parallel edges are joined, and rectangles of one wall with the same
+    /// limits along y.
     pub fn find(scene: &Scene, geometry: &Geometry) -> Vec<Self> {
         let mut gaps: Vec<Self> = Vec::new();
         for portal in &geometry.portals {
@@ -61,14 +53,25 @@ impl Gap {
                 other.name = format!("{} + {name}", other.name);
                 continue;
             }
+            if let Some(other) = gaps.iter_mut().find(|g| g.skip == skip)
+                && let Shape::Rectangles(rectangles) = &mut other.shape
+                && rectangles.join(portal)
+            {
+                other.name = format!("{} + {name}", other.name);
+                continue;
+            }
             let shape = if slit {
                 let apertures = scene.bands.iter().map(|_| OnceLock::new()).collect();
                 Shape::Slits { mask: Mask::new(&[portal.x_m]), depth_m, apertures }
             } else {
-                let bands = scene.bands.iter().map(|_| OnceLock::new()).collect();
-                Shape::Rectangle { x_m: portal.x_m, y_m: portal.y_m, depth_m, bands }
+                Shape::Rectangles(Rectangles::new(scene, portal, depth_m))
             };
             gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip });
+        }
+        for gap in &mut gaps {
+            if let Shape::Rectangles(rectangles) = &mut gap.shape {
+                rectangles.stand_on(scene, geometry, &gap.frame);
+            }
         }
         gaps
     }
@@ -77,7 +80,7 @@ impl Gap {
     pub(super) fn paths(&self, pair: &Pair<'_>) -> Vec<EarlyPath> {
         match &self.shape {
             Shape::Slits { mask, depth_m, apertures } => self.slit_paths(pair, mask, *depth_m, apertures),
-            Shape::Rectangle { x_m, y_m, depth_m, bands } => self.rectangle_paths(pair, (*x_m, *y_m, *depth_m), bands),
+            Shape::Rectangles(rectangles) => rectangles.paths(self, pair),
         }
     }
 
@@ -193,79 +196,14 @@ impl Gap {
         loss.map(|loss| (f64::from(seen) / f64::from(tried), loss))
     }
 
-    fn rectangle_paths(
+    pub(super) fn label(
         &self,
-        pair: &Pair<'_>,
-        (x_m, y_m, depth_m): ([f64; 2], [f64; 2], f64),
-        bands: &[OnceLock<Rectangle>],
-    ) -> Vec<EarlyPath> {
-        let &Pair { scene, geometry, spectra, source, probe, order, .. } = pair;
-        let places: [DVec3; 25] = std::array::from_fn(|i| {
-            let along = |limits: [f64; 2], share: f64| limits[0] + share * (limits[1] - limits[0]);
-            DVec3::new(along(x_m, SIGHT_PLACES[i % 5]), along(y_m, SIGHT_PLACES[i / 5]), 0.0)
-        });
-        let sources = self.sights(scene, geometry, source, &places);
-        let probes = self.sights(scene, geometry, probe, &places);
-        let mut paths = Vec::new();
-        for from in &sources {
-            for to in &probes {
-                let reflections = source.images[from.image].planes.len() + probe.images[to.image].planes.len();
-                if reflections > order || from.position.z * to.position.z >= 0.0 {
-                    continue;
-                }
-                let Some(over) = shortest_over(from.position, to.position, x_m, y_m) else { continue };
-                let (r1, r2) = ((over - from.position).length(), (to.position - over).length());
-                let seen: [bool; 25] = std::array::from_fn(|i| from.seen[i] && to.seen[i]);
-                if !seen.contains(&true) {
-                    continue;
-                }
-                let mut intensity = Vec::with_capacity(spectra.len());
-                for (band, spectrum) in spectra.iter().enumerate() {
-                    let sides = match scene.simulation.transport {
-                        Transport::Paraxial => Sides::Paraxial,
-                        _ => Sides::of(x_m[1] - x_m[0], y_m[1] - y_m[0], spectrum),
-                    };
-                    // Rays within the first Fresnel zone of the shortest way count most.
-                    let zone = spectrum.mean_wavelength_m() * r1 * r2 / (r1 + r2);
-                    let cell = ((x_m[1] - x_m[0]) * (y_m[1] - y_m[0])) / 16.0;
-                    let share = seen_share(&seen, &places, over, zone.max(cell));
-                    let value = if share > 0.0 {
-                        let rectangle = bands[band].get_or_init(|| Rectangle::new(x_m, y_m, depth_m, spectrum, sides));
-                        rectangle.intensity(from.position, to.position)
-                    } else {
-                        0.0
-                    };
-                    let air = (-scene.air.attenuation_per_m[band] * (r1 + r2)).exp();
-                    intensity.push(value.max(0.0) * share * air * from.loss.factors[band] * to.loss.factors[band]);
-                }
-                // The frequency grid and the panels are converged to this; the model itself: docs/verification.md.
-                let error = intensity.iter().map(|i| 1e-4 * i).collect();
-                let label = self.label(geometry, source, from.image, probe, to.image);
-                let delay_s = (r1 + r2) / scene.air.speed_of_sound_m_s;
-                paths.push(EarlyPath { label, reflections, delay_s, intensity, error });
-            }
-        }
-        paths
-    }
-
-    /// Images that see at least one of the places.
-    fn sights(&self, scene: &Scene, geometry: &Geometry, tree: &ImageTree, places: &[DVec3; 25]) -> Vec<Sight> {
-        // Centre and the middles of the quarters first: most images see nothing at all.
-        const FIRST: [usize; 5] = [12, 6, 8, 16, 18];
-        let see = |image: usize, place: usize| {
-            tree.arrive(scene, geometry, image, self.frame.point(places[place].x, places[place].y), self.skip)
-        };
-        let mut sights = Vec::new();
-        for image in 0..tree.images.len() {
-            let Origin::At(position) = tree.images[image].origin else { continue };
-            let Some(loss) = FIRST.iter().find_map(|&place| see(image, place)) else { continue };
-            let seen = std::array::from_fn(|place| see(image, place).is_some());
-            sights.push(Sight { image, position: self.frame.local(position), loss, seen });
-        }
-        sights
-    }
-
-    fn label(&self, geometry: &Geometry, source: &ImageTree, s: usize, probe: &ImageTree, p: usize) -> String {
+        geometry: &Geometry,
+        source: &ImageTree,
+        s: usize,
+        probe: &ImageTree,
+        p: usize,
+    ) -> String {
         let name = |plane: &usize| super::plane_name(geometry, *plane);
         let before = source.images[s].planes.iter().map(name);
         let after = probe.images[p].planes.iter().rev().map(name);
@@ -283,18 +221,4 @@ fn shortest(crossing: &Crossing, mask: &Mask) -> f64 {
         _ => crossing.length_m(x),
     };
     over.map(length).fold(f64::INFINITY, f64::min)
-}
-
-/// Share of the places that are seen, weighted by a Gaussian of area `zone_m2` about `over`.
-fn seen_share(seen: &[bool; 25], places: &[DVec3; 25], over: DVec3, zone_m2: f64) -> f64 {
-    if seen.iter().all(|s| *s) {
-        return 1.0;
-    }
-    let (mut sum, mut total) = (0.0, 0.0);
-    for (place, seen) in places.iter().zip(seen) {
-        let weight = (-(*place - over).length_squared() / zone_m2).exp().max(1e-12);
-        total += weight;
-        sum += if *seen { weight } else { 0.0 };
-    }
-    sum / total
 }

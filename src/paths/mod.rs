@@ -3,6 +3,7 @@
 mod edge;
 mod gap;
 mod images;
+mod rectangle;
 
 use rayon::prelude::*;
 

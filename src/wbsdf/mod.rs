@@ -7,6 +7,7 @@ mod hankel;
 pub mod hatch;
 pub mod mask;
 mod overlap;
+pub mod product;
 pub mod quadrature;
 pub mod rectangle;
 pub mod scatter;
