@@ -82,6 +82,7 @@ mod tests {
         diffraction_order: 2,
         edges: Edges::Auto,
         transport: Transport::Wbsdf,
+        interference: false,
     };
 
     fn share(rays: u64, seconds: f64, worst_db: f64) -> f64 {

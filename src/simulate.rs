@@ -4,9 +4,9 @@ use std::time::Instant;
 
 use crate::error::{Result, Warning};
 use crate::geometry::Geometry;
-use crate::paths;
+use crate::paths::{self, Early};
 use crate::plan::Plan;
-use crate::probe::{BandLevel, EarlyPath, Echogram, Reception};
+use crate::probe::{BandLevel, Echogram, Reception};
 use crate::scene::Scene;
 use crate::trace::{self, Ended, Ledger, TraceOutcome, TracePlan};
 use crate::wbsdf::crossing::Spectrum;
@@ -91,26 +91,24 @@ pub fn run(
 }
 
 /// Intensity of the deterministic paths, `[source][probe][band]`.
-fn early_sums(scene: &Scene, early: &[Vec<EarlyPath>]) -> Vec<Vec<Vec<f64>>> {
-    let sum = |paths: &Vec<EarlyPath>| {
-        (0..scene.bands.len()).map(|b| paths.iter().map(|p| p.intensity[b]).sum()).collect::<Vec<f64>>()
-    };
-    early.chunks(scene.probes.len().max(1)).map(|probes| probes.iter().map(sum).collect()).collect()
+fn early_sums(scene: &Scene, early: &[Early]) -> Vec<Vec<Vec<f64>>> {
+    let of_source = |probes: &[Early]| probes.iter().map(|e| e.intensity.clone()).collect();
+    early.chunks(scene.probes.len().max(1)).map(of_source).collect()
 }
 
-fn receptions(scene: &Scene, early: Vec<Vec<EarlyPath>>, traced: Option<&TraceOutcome>) -> Vec<Reception> {
+fn receptions(scene: &Scene, early: Vec<Early>, traced: Option<&TraceOutcome>) -> Vec<Reception> {
     let pairs = (0..scene.sources.len()).flat_map(|s| (0..scene.probes.len()).map(move |p| (s, p)));
     pairs
         .zip(early)
-        .map(|((s, p), paths)| {
+        .map(|((s, p), early)| {
             let echogram = traced
                 .and_then(|t| t.traced.iter().find(|t| t.source == s && t.probe == p))
                 .map(|t| t.echogram.clone());
-            let levels = levels(scene, &paths, echogram.as_ref());
+            let levels = levels(scene, &early, echogram.as_ref());
             Reception {
                 source: scene.sources[s].name.clone(),
                 probe: scene.probes[p].name.clone(),
-                paths,
+                paths: early.paths,
                 echogram,
                 levels,
             }
@@ -118,14 +116,14 @@ fn receptions(scene: &Scene, early: Vec<Vec<EarlyPath>>, traced: Option<&TraceOu
         .collect()
 }
 
-fn levels(scene: &Scene, paths: &[EarlyPath], echogram: Option<&Echogram>) -> Vec<BandLevel> {
+fn levels(scene: &Scene, early: &Early, echogram: Option<&Echogram>) -> Vec<BandLevel> {
     scene
         .bands
         .iter()
         .enumerate()
         .map(|(b, band)| {
-            let early: f64 = paths.iter().map(|p| p.intensity[b]).sum();
-            let quadrature: f64 = paths.iter().map(|p| p.error[b]).sum();
+            let quadrature: f64 = early.paths.iter().map(|p| p.error[b]).sum();
+            let early = early.intensity[b];
             let (late, statistics) = echogram.map_or((0.0, 0.0), |e| (e.energy[b].iter().sum::<f64>(), e.std_error[b]));
             let intensity = (early + late).max(0.0);
             BandLevel {

@@ -34,6 +34,7 @@ fn run(name: &str) -> Run {
             diffraction_order: 2,
             edges: Edges::Auto,
             transport: Transport::Wbsdf,
+            interference: false,
         },
         output: Output { sample_rate_hz: 48_000, response_length_s: None },
         spl_1m_db: vec![("talker".into(), vec![79.15; 8])],

@@ -12,7 +12,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::Geometry;
+use super::{Element, Geometry, Skip};
 use super::facet::PORTAL_BIT;
 use super::patches::Topology;
 use super::planes::COPLANAR_M;
@@ -39,6 +39,9 @@ pub struct Edge {
     pub groups: [usize; 2],
     /// Planes of faces A and B; equal for a free edge.
     pub planes: [usize; 2],
+    /// Whether the edge stands on a surface at right angles to it, at its start and at its end: in that it goes on as its
+    /// mirror image. Other ends are free.
+    pub on_surface: [bool; 2],
     /// The surfaces that meet, as `barrier edge` or `side 1 / side 2`.
     pub name: String,
 }
@@ -83,7 +86,24 @@ pub(crate) fn find(scene: &Scene, geometry: &Geometry, sheets: &[Sheet]) -> Vec<
     let mut region = Region::new(scene, geometry);
     let mut edges = join(edges);
     edges.retain(|e| lies_in(&mut region, geometry, e));
+    for edge in &mut edges {
+        edge.on_surface = [(0.0, -1.0), (edge.length_m, 1.0)].map(|(end, sign)| stands(geometry, edge, end, sign));
+    }
     edges
+}
+
+/// Whether a surface at right angles to the edge ends it at `end_m`, towards `sign` times its direction.
+fn stands(geometry: &Geometry, edge: &Edge, end_m: f64, sign: f64) -> bool {
+    let (sin, cos) = (0.5 * edge.exterior_angle).sin_cos();
+    let step_m = INTO_AIR_M.min(0.01 * edge.length_m);
+    let onward = edge.direction * sign;
+    let from = edge.point(end_m) + (edge.face_a * cos + edge.normal_a * sin - onward) * step_m;
+    let hit = geometry.closest(from, onward, 2.0 * step_m, Skip::NONE);
+    let normal = hit.and_then(|hit| match hit.element {
+        Element::Surface(surface) => Some(geometry.surfaces[surface].frame.normal),
+        Element::Portal(_) => None,
+    });
+    normal.is_some_and(|n| n.dot(edge.direction).abs() > SAME_ANGLE.cos())
 }
 
 /// Whether the air of the sources and probes reaches the edge anywhere.
@@ -228,6 +248,7 @@ impl<'a> Finder<'a> {
             exterior_angle,
             groups: [first.group, second.group],
             planes: [first.plane, second.plane],
+            on_surface: [false; 2],
             name: self.name(&first, &second),
         }
     }

@@ -1,363 +1,321 @@
-//! Paths over edges: free edges of thin walls and convex wedges.
+//! Sound over edges: free edges of thin walls and convex wedges, of finite length, between one source image and one
+//! probe image.
 //!
-//! In the shadow of an edge its ray sum is a path of its own. In sight of the source the direct (or specular) path
-//! already carries the undisturbed sound, and the edge adds the difference between its ray sum and that: so the level
-//! is continuous across the shadow boundary.
+//! The edges of one such pair belong together: where one of them hides the source, another may still let it be seen, and
+//! what the first takes away the second gives. Their waves and the direct sound add as pressures while their ways differ
+//! by less than a wavelength or two, as energies beyond; so do the waves of a face and its reflection. Waves whose ways are
+//! equal at a boundary thus always add as pressures there, and levels are continuous across every shadow and reflection
+//! boundary. Absorbing faces: the terms of a face carry its pressure reflection factor (Luebbers 1984).
 
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
+use num_complex::Complex64;
 
-use super::images::{ImageTree, Origin};
+use super::images::{Image, Origin};
+use super::reach::{EdgeReach, FELT_FRESNEL, Place, angle_of, image_detour_m, place, way_m};
+use super::wave::Wave;
 use super::{Pair, Specular};
 use crate::geometry::{Edge, Geometry, Skip};
 use crate::probe::EarlyPath;
-use crate::scene::{Edges, Scene, SourceKind, Transport};
+use crate::scene::{Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::edge::{self, AboutEdge};
 use crate::wbsdf::mask::{Jambs, Mask};
 use crate::wbsdf::quadrature::RaySum;
-use crate::wbsdf::wedge::{Wave, WedgeField, coherent};
+use crate::wbsdf::slit::gauss_nodes;
+use crate::wbsdf::wedge::{self, WedgeField};
 
-/// Fresnel number beyond which an edge in sight is left out: it changes the level by less than 0.7 dB there, and by less
-/// than 0.1 dB in the mean over an octave.
-const FELT_FRESNEL: f64 = 4.0;
+/// Differences of two ways, in half wavelengths of the lower band edge, between which pressures turn into energies.
+const COHERENT_FRESNEL: [f64; 2] = [2.0, 4.0];
+/// The same for direct sound and reflection, counted from the reflection boundary.
+const JOINED_FRESNEL: [f64; 2] = [0.0, 1.0];
 /// Relative accuracy of the sums over signed rays.
 const TOLERANCE: f64 = 1e-4;
-/// Angle in radians about a shadow boundary within which the geometry says whether the straight way is free.
-const ON_BOUNDARY: f64 = 1e-9;
 
-/// What an edge can do to the direct sound of any source and probe.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct EdgeReach {
-    /// Name of the edge.
-    pub name: String,
-    /// Whether it is modelled.
-    pub felt: bool,
-    /// If it is left out: bound in dB of what that leaves out of a tone's level.
-    pub bound_db: f64,
-}
-
-/// Source or receiver about an edge: distance from it, angle from face A, place along it.
-#[derive(Clone, Copy)]
-struct Place {
-    r_m: f64,
-    phi: f64,
-    along_m: f64,
-}
-
-fn place(edge: &Edge, p: DVec3) -> Place {
-    let d = p - edge.start;
-    let (a, n) = (d.dot(edge.face_a), d.dot(edge.normal_a));
-    Place { r_m: a.hypot(n), phi: n.atan2(a).rem_euclid(TAU), along_m: d.dot(edge.direction) }
-}
-
-/// Sum of the cosines by which the way over the edge is longer than that of the image in face A or B, whichever is less: 1 + cos
-/// of the angle between image and receiver. Near 0 about a reflection boundary, on either side of it.
-fn beside_reflection(edge: &Edge, from: &Place, to: &Place) -> f64 {
-    let sum = from.phi + to.phi;
-    [sum, 2.0 * edge.exterior_angle - sum].map(|angle| 1.0 + angle.cos()).into_iter().fold(2.0, f64::min)
-}
-
-/// By how much in m the way `over_m` over the edge is longer than that of the source's image in a face, `along_m` apart along
-/// the edge.
-fn image_detour_m(edge: &Edge, from: &Place, to: &Place, over_m: f64, along_m: f64) -> f64 {
-    let beside = beside_reflection(edge, from, to);
-    if from.r_m.is_infinite() {
-        return to.r_m * beside;
+/// Adds the paths over all felt edges, and what edges in sight change, to `paths`; where pressures are asked for, also what
+/// the edges send to `waves`.
+pub(super) fn add<'a>(
+    pair: &Pair<'a>,
+    reaches: &[EdgeReach],
+    paths: &mut Vec<Specular>,
+    waves: &mut Vec<Wave<'a>>,
+) {
+    let &Pair { geometry, source, probe, order, .. } = pair;
+    let felt: Vec<&'a Edge> = geometry.edges.iter().zip(reaches).filter(|(_, reach)| reach.felt).map(|(e, _)| e).collect();
+    if felt.is_empty() {
+        return;
     }
-    let across = (from.r_m + to.r_m).powi(2) - 2.0 * from.r_m * to.r_m * beside;
-    over_m - across.max(0.0).sqrt().hypot(along_m)
-}
-
-/// The angle of a plane wave's origin about the edge.
-fn angle_of(edge: &Edge, direction: DVec3) -> f64 {
-    (-direction.dot(edge.normal_a)).atan2(-direction.dot(edge.face_a)).rem_euclid(TAU)
-}
-
-/// Which edges matter to the direct sound of some source and probe, in the order of the geometry's edges.
-pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
-    let longest = scene.bands.first().map_or(1.0, |b| scene.air.speed_of_sound_m_s / b.low_hz);
-    let modelled = scene.simulation.edges == Edges::Auto
-        && scene.simulation.transport != Transport::Geometric
-        && scene.simulation.diffraction_order > 0;
-    geometry
-        .edges
-        .iter()
-        .map(|edge| {
-            let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
-            for source in &scene.sources {
-                for probe in &scene.probes {
-                    let receiver = place(edge, probe.position_m);
-                    // Detours of the way over the edge against the direct one and that of the image in a face, and how
-                    // much weaker the image is.
-                    let (direct, image, weaker) = match source.kind {
-                        SourceKind::Plane(d) => {
-                            let from = Place { r_m: f64::INFINITY, phi: angle_of(edge, d), along_m: 0.0 };
-                            let span = (receiver.phi - from.phi).abs();
-                            let direct = if span >= PI { 0.0 } else { receiver.r_m * (1.0 + span.cos()) };
-                            (direct, image_detour_m(edge, &from, &receiver, 0.0, 0.0), 1.0)
-                        }
-                        _ => {
-                            let from = place(edge, source.position_m);
-                            let along = receiver.along_m - from.along_m;
-                            let over = (from.r_m + receiver.r_m).hypot(along);
-                            let straight = (probe.position_m - source.position_m).length();
-                            let shadow = (receiver.phi - from.phi).abs() >= PI;
-                            let keller = from.along_m + along * from.r_m / (from.r_m + receiver.r_m);
-                            let within = source.kind != SourceKind::Point || (0.0..=edge.length_m).contains(&keller);
-                            let image = image_detour_m(edge, &from, &receiver, over, along);
-                            (
-                                if shadow { 0.0 } else { over - straight },
-                                if within { image } else { f64::INFINITY },
-                                straight / (over - image),
-                            )
-                        }
-                    };
-                    let fresnel = [direct, image].map(|detour| 2.0 * detour / longest);
-                    least = least.min(fresnel[0]).min(fresnel[1]);
-                    // Keller's far field against the direct sound: 1/(2 pi sqrt(N)) in amplitude at most.
-                    let keller = fresnel.map(|n| 1.0 / (TAU * n.max(1e-6).sqrt()));
-                    most = most.max(keller[0] + if image.is_finite() { weaker * keller[1] } else { 0.0 });
-                }
-            }
-            let bound_db = 20.0 * (1.0 + most).log10();
-            EdgeReach { name: edge.name.clone(), felt: modelled && least < FELT_FRESNEL, bound_db }
-        })
-        .collect()
-}
-
-/// Adds the paths over all felt edges, and what edges in sight change, to `paths`.
-pub(super) fn add(pair: &Pair<'_>, reaches: &[EdgeReach], paths: &mut Vec<Specular>) {
-    let &Pair { scene, geometry, spectra, kind, source, probe, order } = pair;
     // What the edges change is reckoned from the undisturbed intensities.
+    let specular = paths.len();
     let undisturbed: Vec<Vec<f64>> = paths.iter().map(|path| path.path.intensity.clone()).collect();
-    for (edge, reach) in geometry.edges.iter().zip(reaches) {
-        if !reach.felt {
-            continue;
-        }
-        if let SourceKind::Line(axis) = kind
-            && axis.dot(edge.direction).abs() < 1.0 - 1e-9
-        {
-            continue;
-        }
-        for (s, from) in source.images.iter().enumerate() {
-            for (p, to) in
-                probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order)
-            {
-                let Origin::At(receiver) = to.origin else { continue };
-                let over = Over { scene, geometry, edge, spectra, kind, from: from.origin, receiver };
-                let planes = |between: Option<usize>| {
-                    from.planes.iter().copied().chain(between).chain(to.planes.iter().rev().copied())
-                };
-                let find = |between: Option<usize>| {
-                    undisturbed.iter().zip(&*paths).position(|(_, path)| {
-                        path.path.reflections == path.planes.len() && planes(between).eq(path.planes.iter().copied())
-                    })
-                };
-                let lit = find(None);
-                let reflected = edge.planes.iter().find_map(|plane| find(Some(*plane)));
-                let reflected = reflected.map(|path| undisturbed[path].as_slice());
-                match over.path(source, s, probe, p, lit.is_some(), reflected) {
-                    Some(Found::Shadow(path)) => paths.push(Specular { planes: planes(None).collect(), path }),
-                    Some(Found::Lit(changes)) => {
-                        let Some(lit) = lit else { continue };
-                        for (intensity, change) in paths[lit].path.intensity.iter_mut().zip(changes) {
-                            *intensity = (*intensity + change).max(0.0);
-                        }
-                    }
-                    None => {}
+    for (s, from) in source.images.iter().enumerate() {
+        for (p, to) in probe.images.iter().enumerate() {
+            let reflections = from.planes.len() + to.planes.len();
+            let Origin::At(receiver) = to.origin else { continue };
+            if reflections > order {
+                continue;
+            }
+            let find = |between: Option<usize>| {
+                let planes = from.planes.iter().copied().chain(between).chain(to.planes.iter().rev().copied());
+                paths[..specular].iter().position(|path| planes.clone().eq(path.planes.iter().copied()))
+            };
+            let lit = find(None);
+            let bends: Vec<Bend<'a>> = felt
+                .iter()
+                .filter_map(|edge| Ends { pair, edge, from, receiver }.bend((s, p), lit.is_some()))
+                .collect();
+            if bends.is_empty() {
+                continue;
+            }
+            // A reflection by a face of an edge is one more: beyond the order nobody knows whether it exists.
+            let may_reflect = reflections < order;
+            let mut reflected: Vec<(usize, usize)> = Vec::new();
+            for plane in bends.iter().flat_map(|bend| bend.edge.planes) {
+                if may_reflect
+                    && reflected.iter().all(|(known, _)| *known != plane)
+                    && let Some(path) = find(Some(plane))
+                {
+                    reflected.push((plane, path));
                 }
+            }
+            let group = Group { pair, bends: &bends, may_reflect };
+            let known = |path: usize| undisturbed[path].as_slice();
+            let faces: Vec<(usize, &[f64])> = reflected.iter().map(|&(plane, path)| (plane, known(path))).collect();
+            let changes = group.changes(lit.map(known), &faces);
+            let add = |path: &mut Specular, change: &[f64]| {
+                for (intensity, change) in path.path.intensity.iter_mut().zip(change) {
+                    *intensity = (*intensity + change).max(0.0);
+                }
+            };
+            if let Some(lit) = lit {
+                add(&mut paths[lit], &changes.straight);
+            }
+            for ((_, path), change) in reflected.iter().zip(&changes.faces) {
+                add(&mut paths[*path], change);
+            }
+            for (bend, intensity) in bends.iter().zip(changes.over) {
+                let planes = from.planes.iter().chain(to.planes.iter().rev()).copied().collect();
+                let error = intensity.iter().map(|i| 1e-5 * i).collect();
+                let path = EarlyPath {
+                    label: label(geometry, from, bend.edge, to),
+                    reflections,
+                    delay_s: bend.length_m / pair.scene.air.speed_of_sound_m_s,
+                    intensity,
+                    error,
+                };
+                paths.push(Specular { planes, path });
+            }
+            if pair.scene.adds_pressures() {
+                waves.extend(bends.into_iter().map(|bend| {
+                    let found = bend.edge.planes.iter().any(|q| reflected.iter().any(|(plane, _)| plane == q));
+                    wave(bend, lit.is_some(), found)
+                }));
             }
         }
     }
 }
 
-enum Found {
-    /// A path of its own.
-    Shadow(EarlyPath),
-    /// Change of the intensity of the path in sight, one a band.
-    Lit(Vec<f64>),
+fn label(geometry: &Geometry, from: &Image, edge: &Edge, to: &Image) -> String {
+    let name = |plane: &usize| super::plane_name(geometry, *plane);
+    let before = from.planes.iter().map(name);
+    let after = to.planes.iter().rev().map(name);
+    before.chain([edge.name.clone()]).chain(after).collect::<Vec<_>>().join(", ")
 }
 
 /// One edge between one source image and one probe image.
-struct Over<'a> {
-    scene: &'a Scene,
-    geometry: &'a Geometry,
+struct Ends<'p, 'a> {
+    pair: &'p Pair<'a>,
     edge: &'a Edge,
-    spectra: &'a [Spectrum],
-    kind: &'a SourceKind,
-    from: Origin,
+    from: &'p Image,
     receiver: DVec3,
 }
 
-impl Over<'_> {
-    /// `lit`: whether the path without the edge exists; `reflected`: intensities of the same path with a reflection at
-    /// one of the edge's faces, if it exists.
-    fn path(
-        &self,
-        source: &ImageTree,
-        s: usize,
-        probe: &ImageTree,
-        p: usize,
-        lit: bool,
-        reflected: Option<&[f64]>,
-    ) -> Option<Found> {
+/// The way over an edge, in sight of both its ends.
+struct Bend<'a> {
+    edge: &'a Edge,
+    from: Place,
+    to: Place,
+    field: WedgeField,
+    /// Length in m (plane wave: along the wave) of the way over the edge and of the straight way.
+    length_m: f64,
+    straight_m: f64,
+    /// Sine of the angle between a plane wave and the edge: across it the wave number is k sin(beta). 1 for other sources.
+    sin_beta: f64,
+    /// Share of the intensity that air and reflections leave, one a band.
+    factors: Vec<f64>,
+    /// Pressure reflection factors of the faces, one a band.
+    faces: [Vec<f64>; 2],
+}
+
+impl<'a> Ends<'_, 'a> {
+    /// `None`: the edge is not in sight of source and probe image, or too far from the direct sound and the reflections to
+    /// be felt. `lit`: whether the direct way is free.
+    fn bend(&self, (s, p): (usize, usize), lit: bool) -> Option<Bend<'a>> {
+        let &Pair { scene, geometry, spectra, kind, source, probe, .. } = self.pair;
         let edge = self.edge;
         let to = place(edge, self.receiver);
-        let (from, along, length, straight) = match self.from {
+        let two_dimensional = *kind != SourceKind::Point;
+        let (from, keller_m, mut sin_beta) = match self.from.origin {
             Origin::At(position) => {
-                let from = place(edge, position);
-                let over = from.r_m + to.r_m;
-                match self.kind {
-                    SourceKind::Line(_) => {
-                        let straight = (from.r_m.powi(2) + to.r_m.powi(2)
-                            - 2.0 * from.r_m * to.r_m * (to.phi - from.phi).cos())
-                        .max(0.0)
-                        .sqrt();
-                        (from, to.along_m, over, straight)
-                    }
-                    _ => {
-                        let along = from.along_m + (to.along_m - from.along_m) * from.r_m / over;
-                        let length = over.hypot(to.along_m - from.along_m);
-                        (from, along, length, (self.receiver - position).length())
-                    }
+                if let SourceKind::Line(axis) = kind
+                    && axis.dot(edge.direction).abs() < 1.0 - 1e-9
+                {
+                    return None;
                 }
+                let from = place(edge, position);
+                let keller = from.along_m + (to.along_m - from.along_m) * from.r_m / (from.r_m + to.r_m);
+                (from, if two_dimensional { to.along_m } else { keller }, 1.0)
             }
             Origin::Along(direction) => {
-                let from = Place { r_m: f64::INFINITY, phi: angle_of(edge, direction), along_m: to.along_m };
                 // The ray keeps its direction cosine along the edge.
                 let cos_beta = direction.dot(edge.direction);
                 let sin_beta = (1.0 - cos_beta * cos_beta).max(0.0).sqrt();
-                let along = to.along_m - to.r_m * cos_beta / sin_beta;
-                let length = (edge.start + edge.direction * along).dot(direction) + to.r_m / sin_beta;
-                (from, along, length, self.receiver.dot(direction))
+                let from = Place { r_m: f64::INFINITY, phi: angle_of(edge, direction), along_m: to.along_m };
+                (from, to.along_m - to.r_m * cos_beta / sin_beta, sin_beta)
             }
         };
         let inside = |phi: f64| phi <= edge.exterior_angle + 1e-9;
-        if !(inside(from.phi) && inside(to.phi) && from.r_m > 0.0 && to.r_m > 0.0 && length.is_finite()) {
+        if !(inside(from.phi) && inside(to.phi) && from.r_m > 0.0 && to.r_m > 0.0 && keller_m.is_finite()) {
             return None;
         }
-        let two_dimensional = *self.kind != SourceKind::Point;
-        if !two_dimensional && !(0.0..=edge.length_m).contains(&along) {
+        let on_edge_m = if two_dimensional { keller_m } else { keller_m.clamp(0.0, edge.length_m) };
+        // Beyond an end on a surface the edge's mirror image goes on: that way is one of the image sources.
+        let [begin, end] = edge.on_surface;
+        if (begin && keller_m < on_edge_m) || (end && keller_m > on_edge_m) {
             return None;
         }
-        let span = (to.phi - from.phi).abs();
-        // On the boundary itself rounding decides whether the straight way is free.
-        let shadow = if (span - PI).abs() < ON_BOUNDARY { !lit } else { span >= PI };
-        if !shadow && !lit {
-            return None;
-        }
-        // The edge is felt near its shadow boundary and near the reflection boundaries of its faces.
+        let (length_m, straight_m) = match self.from.origin {
+            Origin::Along(direction) => (
+                edge.point(keller_m).dot(direction) + to.r_m / sin_beta,
+                self.receiver.dot(direction),
+            ),
+            Origin::At(_) if two_dimensional => {
+                let half = 0.5 * (to.phi - from.phi);
+                (from.r_m + to.r_m, ((to.r_m - from.r_m).powi(2) + 4.0 * from.r_m * to.r_m * half.sin().powi(2)).sqrt())
+            }
+            Origin::At(position) => (way_m(&from, &to, on_edge_m), (self.receiver - position).length()),
+        };
+        // An edge in sight is felt near its shadow boundary and near the reflection boundaries of its faces.
         let apart = if two_dimensional { 0.0 } else { to.along_m - from.along_m };
-        let detour = (length - straight).min(image_detour_m(edge, &from, &to, length, apart)).max(0.0);
-        let fresnel = |f: f64| 2.0 * detour * f / self.scene.air.speed_of_sound_m_s;
-        if !shadow && fresnel(self.spectra.first()?.low_hz) > FELT_FRESNEL {
+        let detour = (length_m - straight_m).min(image_detour_m(edge, &from, &to, length_m, apart));
+        let low_hz = spectra.first()?.low_hz;
+        if lit
+            && !scene.adds_pressures()
+            && 2.0 * detour * low_hz / scene.air.speed_of_sound_m_s > FELT_FRESNEL
+        {
             return None;
         }
-        // Just outside the edge, in the middle of the fluid.
+        // Just outside the edge, in the middle of the fluid; from an end a little into the edge.
         let (sin, cos) = (0.5 * edge.exterior_angle).sin_cos();
         let outwards = edge.face_a * cos + edge.normal_a * sin;
-        let apex = edge.start + edge.direction * along + outwards * (1e-6 * (1.0 + to.r_m));
-        let before = source.arrive(self.scene, self.geometry, s, apex, Skip::NONE)?;
-        let after = probe.arrive(self.scene, self.geometry, p, apex, Skip::NONE)?;
-        let free = self.free_intensity(straight);
-        let mut intensity = Vec::with_capacity(self.spectra.len());
-        let mut error = Vec::with_capacity(self.spectra.len());
-        for (band, spectrum) in self.spectra.iter().enumerate() {
-            let air = (-self.scene.air.attenuation_per_m[band] * length).exp();
-            let factor = before.factors[band] * after.factors[band] * air;
-            if shadow {
-                let sum = self.in_shadow(&from, &to, spectrum);
-                intensity.push(sum.value.max(0.0) * factor);
-                error.push((sum.error + (-sum.value).max(0.0)) * factor);
-                continue;
-            }
-            // In sight, short waves do not feel an edge that long ones do.
-            let felt = 1.0 - smooth_step(fresnel(spectrum.low_hz) / FELT_FRESNEL * 2.0 - 1.0);
-            let share = reflected.map(|r| r[band] / factor.max(f64::MIN_POSITIVE));
-            let change = if felt > 0.0 { self.in_sight(&from, &to, spectrum, free, share) } else { 0.0 };
-            intensity.push(change * felt * factor);
-        }
-        if !shadow {
-            return Some(Found::Lit(intensity));
-        }
-        let names = |planes: &[usize]| planes.iter().map(|q| super::plane_name(self.geometry, *q)).collect::<Vec<_>>();
-        let mut parts = names(&source.images[s].planes);
-        parts.push(edge.name.clone());
-        parts.extend(names(&probe.images[p].planes).into_iter().rev());
-        Some(Found::Shadow(EarlyPath {
-            label: parts.join(", "),
-            reflections: source.images[s].planes.len() + probe.images[p].planes.len(),
-            delay_s: length / self.scene.air.speed_of_sound_m_s,
-            intensity,
-            error,
-        }))
-    }
-
-    fn free_intensity(&self, straight_m: f64) -> f64 {
-        match self.kind {
-            SourceKind::Line(_) => 1.0 / straight_m,
-            SourceKind::Point => 1.0 / straight_m.powi(2),
-            SourceKind::Plane(_) => 1.0,
-        }
-    }
-
-    /// The exact field of the wedge between source and receiver, and the spectrum across the edge.
-    fn field(&self, from: &Place, to: &Place, spectrum: &Spectrum) -> (WedgeField, Spectrum) {
-        let (wave, across) = match (self.kind, self.from) {
-            (SourceKind::Line(_), _) => (Wave::Line, *spectrum),
-            (_, Origin::Along(direction)) => {
-                // Across the edge the wave number is k sin(beta).
-                let cos_beta = direction.dot(self.edge.direction);
-                let speed_m_s = spectrum.speed_m_s / (1.0 - cos_beta * cos_beta).sqrt();
-                (Wave::Plane, Spectrum { speed_m_s, ..*spectrum })
-            }
-            _ => (Wave::Point(to.along_m - from.along_m), *spectrum),
+        let inset_m = 1e-6 * edge.length_m.min(1.0);
+        let seen_m = if two_dimensional { on_edge_m } else { on_edge_m.clamp(inset_m, edge.length_m - inset_m) };
+        let apex = edge.point(seen_m) + outwards * (1e-6 * (1.0 + to.r_m));
+        let before = source.arrive(scene, geometry, s, apex, Skip::NONE)?;
+        let after = probe.arrive(scene, geometry, p, apex, Skip::NONE)?;
+        let losses = before.factors.iter().zip(&after.factors).zip(&scene.air.attenuation_per_m);
+        let factors = losses.map(|((a, b), m)| a * b * (-m * length_m).exp()).collect();
+        let wave = match kind {
+            SourceKind::Line(_) => wedge::Wave::Line,
+            SourceKind::Plane(_) => wedge::Wave::Plane,
+            SourceKind::Point => wedge::Wave::Point(apart),
         };
-        (WedgeField::new(self.edge.exterior_angle, about(from), about(to), wave, &across), across)
+        let ends_m = match kind {
+            SourceKind::Point => [
+                if begin { f64::NEG_INFINITY } else { -from.along_m },
+                if end { f64::INFINITY } else { edge.length_m - from.along_m },
+            ],
+            _ => [f64::NEG_INFINITY, f64::INFINITY],
+        };
+        sin_beta = if wave == wedge::Wave::Plane { sin_beta } else { 1.0 };
+        let all = Spectrum {
+            low_hz: low_hz * sin_beta,
+            high_hz: spectra.last()?.high_hz * sin_beta,
+            speed_m_s: scene.air.speed_of_sound_m_s,
+        };
+        let field = WedgeField::between(edge.exterior_angle, about(&from), about(&to), wave, ends_m, &all);
+        let faces = [0, 1].map(|face| reflection_factors(scene, geometry, edge, face));
+        Some(Bend { edge, from, to, field, length_m, straight_m, sin_beta, factors, faces })
+    }
+}
+
+/// Pressure reflection factor of a face, one a band: the root of the specularly reflected share.
+fn reflection_factors(scene: &Scene, geometry: &Geometry, edge: &Edge, face: usize) -> Vec<f64> {
+    let surfaces = &geometry.planes()[edge.planes[face]].surfaces;
+    let own = surfaces.iter().find(|s| geometry.surfaces[**s].group == edge.groups[face]);
+    let Some(surface) = own.or(surfaces.first()) else { return vec![1.0; scene.bands.len()] };
+    let material = &scene.materials[geometry.surfaces[*surface].material];
+    let shares = material.absorption.iter().zip(&material.scattering);
+    shares.map(|(absorbed, scattered)| ((1.0 - absorbed) * (1.0 - scattered)).max(0.0).sqrt()).collect()
+}
+
+/// What an edge sends at one wave number, with the phase of the straight way taken out.
+struct Sent {
+    incident: Complex64,
+    faces: [Complex64; 2],
+}
+
+impl Bend<'_> {
+    /// The direct sound, as if it were free, with its phase taken out.
+    fn direct(&self, k: f64) -> Complex64 {
+        let k = k * self.sin_beta;
+        let [straight, _] = self.field.lengths_m();
+        self.field.undisturbed(straight, k) * self.turned(k)
     }
 
-    /// Intensity in the shadow.
-    fn in_shadow(&self, from: &Place, to: &Place, spectrum: &Spectrum) -> RaySum {
-        if self.scene.simulation.transport == Transport::Paraxial {
-            return self.paraxial(from, to, spectrum);
-        }
-        let (field, across) = self.field(from, to, spectrum);
-        let value = field.mean(&across, coherent);
-        RaySum { value, error: 1e-5 * value, absolute: value, rays: 0 }
+    /// The reflection by the nearer face, as if it were rigid and unbounded.
+    fn reflection(&self, k: f64) -> Complex64 {
+        let k = k * self.sin_beta;
+        let [_, reflected] = self.field.lengths_m();
+        self.field.undisturbed(reflected, k) * self.turned(k)
     }
 
-    /// What the edge changes of the intensity `free` of a path in sight, and of the reflection `share` by a face with it.
-    fn in_sight(&self, from: &Place, to: &Place, spectrum: &Spectrum, free: f64, share: Option<f64>) -> f64 {
-        if self.scene.simulation.transport == Transport::Paraxial {
-            return self.paraxial(from, to, spectrum).value.clamp(0.25 * free, 2.0 * free) - free;
-        }
-        let (field, across) = self.field(from, to, spectrum);
-        match share {
-            // On the boundary itself rounding may have found a reflection: its power is in the coherent field.
-            _ if !field.reflects() => field.mean(&across, coherent) - free - share.unwrap_or(0.0),
-            None => field.mean(&across, |parts| parts.incident.norm_sqr()) - free,
-            Some(share) => {
-                // Direct and reflected sound add as energies, but as pressures near the reflection boundary, where the
-                // edge joins them: so the level is continuous there too.
-                let rigid = field.reflected_intensity();
-                let face = share / rigid;
-                let together = 1.0 - smooth_step(field.reflection_fresnel(spectrum));
-                field.mean(&across, |parts| {
-                    parts.incident.norm_sqr()
-                        + face * parts.reflected.norm_sqr()
-                        + 2.0 * together * face.sqrt() * (parts.incident * parts.reflected.conj()).re
-                }) - free
-                    - share
-            }
-        }
+    /// Length in m of a way that is `across_m` long in the plane across the edge of the field.
+    fn way_m(&self, across_m: f64) -> f64 {
+        self.straight_m + self.sin_beta * (across_m - self.field.lengths_m()[0])
     }
 
-    /// The published small-angle form.
-    fn paraxial(&self, from: &Place, to: &Place, spectrum: &Spectrum) -> RaySum {
-        let edge = self.edge;
-        let dy_m = (*self.kind == SourceKind::Point).then_some(to.along_m - from.along_m);
+    /// The reflection by the nearer face with this intensity over a band.
+    fn reflection_of(&self, intensity: f64, k: f64) -> Ray {
+        let [_, reflected_m] = self.field.lengths_m();
+        let amplitude = (intensity / self.field.free_intensity(reflected_m)).sqrt();
+        Ray { length_m: self.way_m(reflected_m), pressure: amplitude * self.reflection(k) }
+    }
+
+    /// From the phase over the edge to that of the straight way.
+    fn turned(&self, k: f64) -> Complex64 {
+        let [straight, _] = self.field.lengths_m();
+        Complex64::from_polar(1.0, k * (self.field.over_m() - straight))
+    }
+
+    /// What the edge sends in a band at wave number `k` in 1/m. `lit`, `reflected`: whether the direct sound and the
+    /// reflection of a face are found (exactly on a boundary rounding decides that); `share`: of the ways over the edge's
+    /// ends, by their length.
+    fn sent(&self, band: usize, k: f64, lit: bool, reflected: bool, share: impl Fn(f64) -> f64) -> Sent {
+        let d = self.field.diffracted(k * self.sin_beta, share);
+        let amplitude = self.factors[band].sqrt();
+        let turn = self.turned(k * self.sin_beta) * amplitude;
+        let mut sent =
+            Sent { incident: d.incident * turn, faces: [0, 1].map(|f| d.faces[f] * turn * self.faces[f][band]) };
+        let [on_shadow, on_reflection] = self.field.undecided();
+        let missing = |found: bool| if found { -0.5 } else { 0.5 };
+        if on_shadow {
+            sent.incident += missing(lit) * amplitude * self.direct(k);
+        }
+        if on_reflection {
+            let nearer = usize::from(self.from.phi + self.to.phi > self.edge.exterior_angle);
+            sent.faces[nearer] += missing(reflected) * amplitude * self.faces[nearer][band] * self.reflection(k);
+        }
+        sent
+    }
+}
+
+impl Bend<'_> {
+    /// The intensity by the published small-angle form, for the infinitely long edge.
+    fn paraxial(&self, kind: &SourceKind, spectrum: &Spectrum) -> RaySum {
+        let (edge, from, to) = (self.edge, &self.from, &self.to);
+        let dy_m = (*kind == SourceKind::Point).then_some(to.along_m - from.along_m);
         let opposite = (from.phi - PI) * (to.phi - PI) < 0.0;
         if edge.exterior_angle < TAU - 1e-6 || !opposite {
             return edge::intensity(edge.exterior_angle, about(from), about(to), dy_m, spectrum, TOLERANCE);
@@ -376,12 +334,202 @@ impl Over<'_> {
     }
 }
 
-fn about(p: &Place) -> AboutEdge {
-    AboutEdge { r_m: p.r_m, phi: p.phi }
+/// All that an edge sends, as a pressure. `lit`, `reflected`: as in [`Bend::sent`].
+fn wave(bend: Bend<'_>, lit: bool, reflected: bool) -> Wave<'_> {
+    let (length_m, straight_m) = (bend.length_m, bend.straight_m);
+    let wander_m = bend.field.ways_m().map(|way| bend.way_m(way) - length_m).fold(0.0, f64::max);
+    Wave {
+        length_m,
+        wander_m,
+        pressure: Box::new(move |band, k| {
+            let sent = bend.sent(band, k, lit, reflected, |_| 1.0);
+            (sent.incident + sent.faces[0] + sent.faces[1]) * Complex64::from_polar(1.0, k * straight_m)
+        }),
+    }
 }
 
-/// 0 below 0, 1 above 1, smooth between.
-fn smooth_step(t: f64) -> f64 {
-    let t = t.clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
+/// The edges between one source image and one probe image.
+struct Group<'p, 'a> {
+    pair: &'p Pair<'a>,
+    bends: &'p [Bend<'a>],
+    may_reflect: bool,
+}
+
+/// What the edges of a group change, one value a band each.
+struct Changes {
+    /// Of the intensity of the direct way, where it is free.
+    straight: Vec<f64>,
+    /// Of the reflections by faces, in their order.
+    faces: Vec<Vec<f64>>,
+    /// Intensities over the edges, where the direct way is not free; else none.
+    over: Vec<Vec<f64>>,
+}
+
+/// One wave of a group at one wave number: length of its way in m and pressure.
+#[derive(Clone, Copy)]
+struct Ray {
+    length_m: f64,
+    pressure: Complex64,
+}
+
+impl Group<'_, '_> {
+    /// `direct`: intensities of the direct way, if it is free; `reflected`: planes that reflect with the intensities of
+    /// these paths, both without edges.
+    fn changes(&self, direct: Option<&[f64]>, reflected: &[(usize, &[f64])]) -> Changes {
+        let bands = self.pair.spectra.len();
+        let mut changes = Changes {
+            straight: vec![0.0; bands],
+            faces: vec![vec![0.0; bands]; reflected.len()],
+            over: if direct.is_some() { Vec::new() } else { vec![vec![0.0; bands]; self.bends.len()] },
+        };
+        if self.pair.scene.simulation.transport == Transport::Paraxial {
+            self.paraxial(direct, &mut changes);
+            return changes;
+        }
+        let first = &self.bends[0];
+        let [straight_m, _] = first.field.lengths_m();
+        let free = first.field.free_intensity(straight_m);
+        for (band, spectrum) in self.pair.spectra.iter().enumerate() {
+            let (low, high) = (spectrum.low_k(), spectrum.high_k());
+            // Only waves that add as pressures make the mean over the band hard.
+            let phase = (high - low) * self.coherent_m(spectrum, direct.is_some());
+            let count = if high > low { 5 + (0.7 * phase).ceil() as usize } else { 1 };
+            let amplitude = direct.map(|d| (d[band] / free).sqrt());
+            for (k, weight) in gauss_nodes(low, high, count) {
+                let scale = weight * free / first.field.free(straight_m, k * first.sin_beta);
+                let straight = amplitude.map(|a| Ray { length_m: first.straight_m, pressure: a * first.direct(k) });
+                self.at(band, k, scale, straight, reflected, &mut changes);
+            }
+        }
+        changes
+    }
+
+    /// The published small-angle form, each edge for itself.
+    fn paraxial(&self, direct: Option<&[f64]>, changes: &mut Changes) {
+        for (e, bend) in self.bends.iter().enumerate() {
+            let free = bend.field.free_intensity(bend.field.lengths_m()[0]);
+            for (band, spectrum) in self.pair.spectra.iter().enumerate() {
+                let value = bend.paraxial(self.pair.kind, spectrum).value;
+                match direct {
+                    Some(_) => {
+                        let change = value.clamp(0.25 * free, 2.0 * free) - free;
+                        changes.straight[band] += change * bend.factors[band];
+                    }
+                    None => changes.over[e][band] = value.max(0.0) * bend.factors[band],
+                }
+            }
+        }
+    }
+
+    /// Largest difference in m between ways that add as pressures.
+    fn coherent_m(&self, spectrum: &Spectrum, lit: bool) -> f64 {
+        let reach = COHERENT_FRESNEL[1] * 0.5 * spectrum.speed_m_s / spectrum.low_hz;
+        let mut most = 0.0_f64;
+        for (i, bend) in self.bends.iter().enumerate() {
+            let direct = lit.then_some(bend.straight_m);
+            let reflection = Some(bend.way_m(bend.field.lengths_m()[1]));
+            let ends = bend.field.ways_m().map(|way| bend.way_m(way));
+            let others = self.bends[..i].iter().map(|other| other.length_m);
+            let ways = direct.into_iter().chain(reflection).chain(ends).chain(others);
+            most = ways.map(|way| (bend.length_m - way).abs()).filter(|d| *d < reach).fold(most, f64::max);
+        }
+        most
+    }
+
+    /// Adds the changes at one wave number, times `scale`.
+    fn at(
+        &self,
+        band: usize,
+        k: f64,
+        scale: f64,
+        straight: Option<Ray>,
+        reflected: &[(usize, &[f64])],
+        changes: &mut Changes,
+    ) {
+        let spectrum = &self.pair.spectra[band];
+        let coherent = |a_m: f64, b_m: f64| coherence(a_m - b_m, spectrum.low_hz, spectrum, COHERENT_FRESNEL);
+        let product = |a: &Ray, b: &Ray| 2.0 * (a.pressure * b.pressure.conj()).re;
+        let both = |a: &Ray, b: &Ray| coherent(a.length_m, b.length_m) * product(a, b);
+        let alone = |rays: &[Ray]| {
+            let pairs = rays.iter().enumerate().flat_map(|(i, a)| rays[..i].iter().map(move |b| (a, b)));
+            let powers = rays.iter().map(|a| a.pressure.norm_sqr());
+            powers.sum::<f64>() + pairs.map(|(a, b)| both(a, b)).sum::<f64>()
+        };
+        // What belongs to the direct way, and what to each reflection: the face's own wave with those of the edges.
+        let mut about: Vec<Ray> = Vec::with_capacity(self.bends.len());
+        let mut faces: Vec<(Option<Ray>, Vec<Ray>, Vec<usize>)> = vec![Default::default(); reflected.len()];
+        for (e, bend) in self.bends.iter().enumerate() {
+            let found = |face: usize| reflected.iter().position(|(plane, _)| *plane == bend.edge.planes[face]);
+            let share = |way_m: f64| coherent(bend.way_m(way_m), bend.length_m);
+            let sent = bend.sent(band, k, straight.is_some(), found(0).or(found(1)).is_some(), share);
+            let ray = |pressure| Ray { length_m: bend.length_m, pressure };
+            let mut own = sent.incident;
+            for (face, pressure) in sent.faces.into_iter().enumerate() {
+                match found(face) {
+                    Some(n) => {
+                        let (reflection, rays, edges) = &mut faces[n];
+                        reflection.get_or_insert_with(|| bend.reflection_of(reflected[n].1[band], k));
+                        // Both sides of a thin wall are one plane.
+                        match rays.last_mut().filter(|_| edges.last() == Some(&e)) {
+                            Some(ray) => ray.pressure += pressure,
+                            None => {
+                                rays.push(ray(pressure));
+                                edges.push(e);
+                            }
+                        }
+                    }
+                    // Beyond the order a reflection is left to the traced rays, and so is what the edge changes of it.
+                    None if !self.may_reflect && bend.field.reflects() => {}
+                    None => own += pressure,
+                }
+            }
+            about.push(ray(own));
+        }
+        let total = alone(&about);
+        match &straight {
+            Some(direct) => {
+                let change = total + about.iter().map(|a| both(direct, a)).sum::<f64>();
+                changes.straight[band] += scale * change;
+            }
+            None => {
+                let powers: f64 = about.iter().map(|a| a.pressure.norm_sqr()).sum();
+                for (over, a) in changes.over.iter_mut().zip(&about) {
+                    over[band] += scale * total * a.pressure.norm_sqr() / powers.max(f64::MIN_POSITIVE);
+                }
+            }
+        }
+        for (n, (reflection, rays, edges)) in faces.iter().enumerate() {
+            let Some(reflection) = reflection else { continue };
+            changes.faces[n][band] +=
+                scale * (alone(rays) + rays.iter().map(|r| both(reflection, r)).sum::<f64>());
+            // Near the reflection boundary the edge joins the direct sound and the reflection.
+            let (mut cross, mut joins) = (0.0, 0.0_f64);
+            for (r, &e) in rays.iter().zip(edges) {
+                let detour_m = r.length_m - reflection.length_m;
+                let joined = coherence(detour_m, 0.5 * (spectrum.low_hz + spectrum.high_hz), spectrum, JOINED_FRESNEL);
+                cross += joined * (product(&about[e], r) + product(&about[e], reflection));
+                if let Some(direct) = &straight {
+                    let joined = joined * coherent(r.length_m, direct.length_m);
+                    cross += joined * product(direct, r);
+                    joins = joins.max(joined);
+                }
+            }
+            match &straight {
+                Some(direct) => changes.straight[band] += scale * (cross + joins * product(direct, reflection)),
+                None => changes.faces[n][band] += scale * cross,
+            }
+        }
+    }
+}
+
+/// Share in which waves over ways `apart_m` different add as pressures: 1 up to the first Fresnel number of `range` (half
+/// wavelengths at `hz`), 0 from the second on, smooth between.
+fn coherence(apart_m: f64, hz: f64, spectrum: &Spectrum, range: [f64; 2]) -> f64 {
+    let fresnel = 2.0 * apart_m.abs() * hz / spectrum.speed_m_s;
+    let t = ((fresnel - range[0]) / (range[1] - range[0])).clamp(0.0, 1.0);
+    1.0 - t * t * (3.0 - 2.0 * t)
+}
+
+fn about(p: &Place) -> AboutEdge {
+    AboutEdge { r_m: p.r_m, phi: p.phi }
 }

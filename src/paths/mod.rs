@@ -3,21 +3,35 @@
 mod edge;
 mod gap;
 mod images;
+mod reach;
 mod rectangle;
+mod wave;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::geometry::{Geometry, Skip};
 use crate::probe::EarlyPath;
-use crate::scene::{Scene, SourceKind};
+use crate::scene::{Scene, Source, SourceKind};
 use crate::wbsdf::crossing::Spectrum;
+use crate::wbsdf::wedge;
+use wave::Wave;
 
-pub use edge::{EdgeReach, edge_reach};
 pub use gap::Gap;
 pub use images::{ImageTree, Origin};
+pub use reach::{EdgeReach, edge_reach};
 
 /// Paths weaker than this relative to the strongest of their pair in every band are dropped (-120 dB).
 const NEGLIGIBLE: f64 = 1e-12;
+
+/// What the deterministic paths bring from one source to one probe.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Early {
+    /// The paths in order of arrival.
+    pub paths: Vec<EarlyPath>,
+    /// Their intensity together, one a band: the sum of theirs, or where pressures add the mean of |sum of pressures|^2.
+    pub intensity: Vec<f64>,
+}
 
 /// A source and a probe with their images, and the scene between them.
 struct Pair<'a> {
@@ -35,7 +49,7 @@ struct Pair<'a> {
 /// All deterministic paths, one list for every (source, probe), sources slowest.
 ///
 /// `reflection_order`: specular reflections on a path at most.
-pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<Vec<EarlyPath>> {
+pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<Early> {
     let spectra: Vec<Spectrum> = scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
     let gaps = if scene.simulation.diffraction_order > 0 { Gap::find(scene, geometry) } else { Vec::new() };
     let reaches = edge_reach(scene, geometry);
@@ -56,15 +70,32 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
                 probe: &probes[p],
                 order: reflection_order,
             };
-            let mut paths = specular(scene, geometry, pair.kind, pair.source, p);
+            let (mut paths, mut waves) = specular(&pair, scene.probes[p].position_m);
             if scene.simulation.diffraction_order > 0 {
-                edge::add(&pair, &reaches, &mut paths);
+                edge::add(&pair, &reaches, &mut paths, &mut waves);
             }
             let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
             paths.extend(gaps.iter().flat_map(|gap| gap.paths(&pair)));
-            tidy(paths)
+            let intensity = if scene.adds_pressures() {
+                wave::together(&waves, &spectra, |k| line_scale(&scene.sources[s], scene.probes[p].position_m, k))
+            } else {
+                (0..spectra.len()).map(|b| paths.iter().map(|p| p.intensity[b]).sum()).collect()
+            };
+            Early { paths: tidy(paths), intensity }
         })
         .collect()
+}
+
+/// From |p|^2 over that of the free field at 1 m to the intensity relative to it: 1 but for line sources, whose free field is
+/// taken as 1/r (see [`crate::probe`]).
+fn line_scale(source: &Source, receiver: DVec3, k: f64) -> f64 {
+    match source.kind {
+        SourceKind::Line(_) => {
+            let (length_m, free) = spreading(&Origin::At(source.position_m), &source.kind, receiver);
+            free / wedge::free_wave(wedge::Wave::Line, length_m, k).norm_sqr()
+        }
+        _ => 1.0,
+    }
 }
 
 /// Drops what no band hears and sorts by arrival.
@@ -76,10 +107,10 @@ fn tidy(paths: Vec<EarlyPath>) -> Vec<EarlyPath> {
     kept
 }
 
-/// The direct sound and the specular reflections in sight.
-fn specular(scene: &Scene, geometry: &Geometry, kind: &SourceKind, source: &ImageTree, probe: usize) -> Vec<Specular> {
-    let receiver = scene.probes[probe].position_m;
-    let mut paths: Vec<Specular> = Vec::new();
+/// The direct sound and the specular reflections in sight, as paths and as pressures.
+fn specular<'a>(pair: &Pair<'a>, receiver: DVec3) -> (Vec<Specular>, Vec<Wave<'a>>) {
+    let &Pair { scene, geometry, kind, source, .. } = pair;
+    let (mut paths, mut waves): (Vec<Specular>, Vec<Wave<'a>>) = (Vec::new(), Vec::new());
     let mut found: Vec<Origin> = Vec::new();
     for (index, image) in source.images.iter().enumerate() {
         // A way exactly through a corner exists in both orders of reflection, with one and the same image.
@@ -88,26 +119,36 @@ fn specular(scene: &Scene, geometry: &Geometry, kind: &SourceKind, source: &Imag
         }
         let Some(loss) = source.arrive(scene, geometry, index, receiver, Skip::NONE) else { continue };
         found.push(image.origin);
-        let (length, spread) = spreading(&image.origin, kind, receiver);
-        let intensity: Vec<f64> = loss
-            .factors
-            .iter()
-            .zip(&scene.air.attenuation_per_m)
-            .map(|(f, m)| f * spread * (-m * length).exp())
-            .collect();
+        let (length_m, spread) = spreading(&image.origin, kind, receiver);
+        let air = scene.air.attenuation_per_m.iter().map(|m| (-m * length_m).exp());
+        let shares: Vec<f64> = loss.factors.iter().zip(air).map(|(f, air)| f * air).collect();
+        let intensity: Vec<f64> = shares.iter().map(|share| share * spread).collect();
         let names: Vec<String> = loss.surfaces.iter().map(|s| geometry.surfaces[*s].name.clone()).collect();
         paths.push(Specular {
             planes: image.planes.clone(),
             path: EarlyPath {
                 label: if names.is_empty() { "direct".into() } else { names.join(", ") },
                 reflections: image.planes.len(),
-                delay_s: length / scene.air.speed_of_sound_m_s,
+                delay_s: length_m / scene.air.speed_of_sound_m_s,
                 error: vec![0.0; intensity.len()],
                 intensity,
             },
         });
+        if scene.adds_pressures() {
+            let wave = match kind {
+                SourceKind::Point => wedge::Wave::Point(0.0),
+                SourceKind::Line(_) => wedge::Wave::Line,
+                SourceKind::Plane(_) => wedge::Wave::Plane,
+            };
+            // The pressure reflection factor of a face is the root of the share it reflects, in phase.
+            waves.push(Wave {
+                length_m,
+                wander_m: 0.0,
+                pressure: Box::new(move |band, k| shares[band].sqrt() * wedge::free_wave(wave, length_m, k)),
+            });
+        }
     }
-    paths
+    (paths, waves)
 }
 
 /// A path with the planes it was reflected by.
@@ -117,7 +158,7 @@ struct Specular {
 }
 
 /// Length of the way in m and spreading of the intensity relative to the free field at 1 m.
-fn spreading(origin: &Origin, kind: &SourceKind, receiver: glam::DVec3) -> (f64, f64) {
+fn spreading(origin: &Origin, kind: &SourceKind, receiver: DVec3) -> (f64, f64) {
     match (*origin, kind) {
         (Origin::At(position), SourceKind::Line(axis)) => {
             let d = receiver - position;

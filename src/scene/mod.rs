@@ -451,6 +451,11 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Whether the deterministic paths of a source add as pressures.
+    pub fn adds_pressures(&self) -> bool {
+        self.simulation.interference || self.simulation.transport == Transport::Utd
+    }
+
     /// Depth in m of the gap that `opening` leaves: the thickness of its wall, or of the leaf beside the gap if that is
     /// given and less. 0 for faces of boxes.
     pub fn gap_depth_m(&self, opening: &Opening) -> f64 {

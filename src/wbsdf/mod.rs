@@ -10,6 +10,7 @@ mod overlap;
 pub mod product;
 pub mod quadrature;
 pub mod rectangle;
+mod rim;
 pub mod scatter;
 pub mod slit;
 pub mod thick;

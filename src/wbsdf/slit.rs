@@ -220,7 +220,7 @@ pub(super) fn resonant(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: 
 }
 
 /// Gauss-Legendre nodes on [low, high] with weights that sum to 1.
-pub(super) fn gauss_nodes(low: f64, high: f64, count: usize) -> impl Iterator<Item = (f64, f64)> {
+pub(crate) fn gauss_nodes(low: f64, high: f64, count: usize) -> impl Iterator<Item = (f64, f64)> {
     let rule = GaussLegendre::new(NonZeroUsize::new(count).unwrap_or(NonZeroUsize::MIN));
     let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
     let nodes: Vec<(f64, f64)> = rule.iter().map(|&(x, w)| (middle + half * x, 0.5 * w)).collect();

@@ -49,12 +49,27 @@ pub struct WedgeField {
     wave: Wave,
     /// Length over the edge (plane wave: relative to the wave front through the edge) in m.
     over_m: f64,
-    /// (s in m, weight of the incident pair, weight of the reflected pair).
-    nodes: Vec<(f64, Complex64, Complex64)>,
+    /// From the saddle point, and from the ends of an edge of finite length.
+    branches: Vec<Branch>,
     /// Straight way in m and whether it is free (1), on the boundary (1/2) or shaded (0).
     direct: (f64, f64),
     /// The same for the wave reflected by the nearer face.
     reflected: (f64, f64),
+}
+
+/// An integral along one path of steepest descent.
+struct Branch {
+    /// Length in m at its start.
+    length_m: f64,
+    nodes: Vec<Node>,
+}
+
+struct Node {
+    s_m: f64,
+    /// Weight of the pair of terms that belongs to the incident wave.
+    incident: Complex64,
+    /// Weights of the terms that belong to the waves reflected by face A and by face B.
+    faces: [Complex64; 2],
 }
 
 /// Pressures relative to the free field's modulus over 1 m, at one wave number.
@@ -66,56 +81,132 @@ pub struct Parts {
     pub reflected: Complex64,
 }
 
+/// What the edge itself sends, in the unit of [`Parts`]: without direct and reflected sound.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Diffracted {
+    /// What makes the direct sound continuous.
+    pub incident: Complex64,
+    /// What makes the sound reflected by face A and by face B continuous.
+    pub faces: [Complex64; 2],
+}
+
+/// The quantities of the integrand that do not depend on the branch.
+struct Integrand {
+    wave: Wave,
+    nu: f64,
+    over_m: f64,
+    radii_m: [f64; 2],
+    phases: [f64; 4],
+    halves: [f64; 4],
+    felt: [bool; 4],
+    /// cosh(eta) grows like i s L/(r r_s) (point and line source) or i s/r (plane wave).
+    rising_per_m: f64,
+    falling_per_m2: f64,
+}
+
+impl Integrand {
+    /// The branch that starts at `eta` >= 0, where the way is `length_m` long; `factor`: of all weights.
+    fn branch(&self, eta: f64, length_m: f64, factor: f64, spectrum: &Spectrum) -> Branch {
+        let rising = if self.wave == Wave::Plane { self.rising_per_m } else { self.rising_per_m * length_m / self.over_m };
+        let start_half = (0.5 * eta).sinh();
+        let scale = (2.0 / rising).sqrt();
+        let nearest = (0..4).filter(|n| self.felt[*n]).fold(1.0_f64, |a, n| a.min(self.halves[n].abs() / self.nu));
+        let start = FIRST * (nearest.max(start_half) * scale).min(1.0 / spectrum.high_k().sqrt());
+        let count = ((LAST / spectrum.low_k()).sqrt() / start).ln() / STEP;
+        // What lies before the first node falls like exp(t) from the saddle, like exp(2 t) elsewhere.
+        let before = if start_half * scale < start { 1.0 } else { 2.0 };
+        let mut nodes = Vec::with_capacity(count.max(0.0) as usize + 2);
+        for i in 0..=count.max(0.0) as usize {
+            let u = start * (STEP * i as f64).exp();
+            let s = u * u;
+            let squared_half =
+                start_half * start_half + Complex64::new(-s * s * self.falling_per_m2, s * rising) * 0.5;
+            let half = squared_half.sqrt();
+            let other = (1.0 + squared_half).sqrt();
+            let eta = 2.0 * if half.norm() < 1e-3 { half - half.powi(3) / 6.0 } else { (half + other).ln() };
+            let sinh_half = (0.5 * self.nu * eta).sinh();
+            let squared = sinh_half * sinh_half;
+            // sin(nu phi) / (cosh(nu eta) - cos(nu phi)), both through half angles.
+            let term = |n: usize| match self.felt[n] {
+                true => (self.nu * self.phases[n]).sin() / (2.0 * (squared + self.halves[n] * self.halves[n])),
+                false => Complex64::ZERO,
+            };
+            // d eta = i ds * measure, ds = 2 u^2 dt; the nodes before the first one form a geometric series.
+            let rest = if i == 0 { 1.0 / (1.0 - (-before * STEP).exp()) } else { 1.0 };
+            let [r, r_s] = self.radii_m;
+            let measure = match self.wave {
+                Wave::Plane => Complex64::from(1.0 / r),
+                Wave::Line => Complex64::new(length_m, s) / (r * r_s),
+                Wave::Point(_) => Complex64::from(1.0 / (r * r_s)),
+            };
+            let weight = Complex64::I * measure / (2.0 * half * other) * (-factor * self.nu / PI * s * STEP * rest);
+            nodes.push(Node {
+                s_m: s,
+                incident: weight * (term(0) + term(1)),
+                faces: [weight * term(2), weight * term(3)],
+            });
+        }
+        Branch { length_m, nodes }
+    }
+}
+
 impl WedgeField {
-    /// Source and receiver about an edge with `exterior_angle` of air between rigid faces, both outside the faces, for
-    /// wave numbers (in 1/m) of `spectrum`.
+    /// Source and receiver about an infinitely long edge with `exterior_angle` of air between rigid faces, both outside
+    /// the faces, for wave numbers (in 1/m) of `spectrum`.
     pub fn new(exterior_angle: f64, source: AboutEdge, receiver: AboutEdge, wave: Wave, spectrum: &Spectrum) -> Self {
+        Self::between(exterior_angle, source, receiver, wave, [f64::NEG_INFINITY, f64::INFINITY], spectrum)
+    }
+
+    /// The same for an edge that ends: `ends_m` along it, counted from the source; for point sources (line sources and
+    /// plane waves take every edge as infinitely long).
+    ///
+    /// On the edge eta = asinh(z/r_s) + asinh((z - z_r)/r), so that an end is a limit of the integral over eta: the
+    /// integral from it to infinity on its own path of steepest descent is left out, or is all there is where the
+    /// shortest way passes beside the edge. Corners themselves are not in it: single diffraction.
+    pub fn between(
+        exterior_angle: f64,
+        source: AboutEdge,
+        receiver: AboutEdge,
+        wave: Wave,
+        ends_m: [f64; 2],
+        spectrum: &Spectrum,
+    ) -> Self {
         let nu = PI / exterior_angle;
         let dz = if let Wave::Point(dz) = wave { dz } else { 0.0 };
         let (r, r_s) = (receiver.r_m, source.r_m);
         let over_m = if wave == Wave::Plane { r } else { (r + r_s).hypot(dz) };
-        // cosh(eta) - 1 = i s * first - s^2 * second
-        let (first, second) = if wave == Wave::Plane { (1.0 / r, 0.0) } else { (over_m / (r * r_s), 0.5 / (r * r_s)) };
+        let (rising_per_m, falling_per_m2) =
+            if wave == Wave::Plane { (1.0 / r, 0.0) } else { (over_m / (r * r_s), 0.5 / (r * r_s)) };
         let (difference, sum) = (receiver.phi - source.phi, receiver.phi + source.phi);
         let phases = [PI - difference, PI + difference, PI - sum, PI + sum];
         let halves = phases.map(|phi| (0.5 * nu * phi).sin());
         // On a boundary its own pair is half of the undisturbed wave and nothing else.
         // Boundaries of the far face stand at 2 theta_w, where the sine vanishes too.
         let felt = halves.map(|half| 2.0 * half.abs() / nu > ON_BOUNDARY);
-        let nearest = (0..4).filter(|n| felt[*n]).fold(1.0_f64, |a, n| a.min(halves[n].abs() / nu));
-        let scale = (2.0 / first).sqrt();
-        let start = FIRST * (nearest * scale).min(1.0 / spectrum.high_k().sqrt());
-        let count = ((LAST / spectrum.low_k()).sqrt() / start).ln() / STEP;
-        let mut nodes = Vec::with_capacity(count.max(0.0) as usize + 2);
-        for i in 0..=count.max(0.0) as usize {
-            let u = start * (STEP * i as f64).exp();
-            let s = u * u;
-            let half = (Complex64::new(-s * s * second, s * first) * 0.5).sqrt();
-            let rising = (1.0 + half * half).sqrt();
-            let eta = 2.0 * if half.norm() < 1e-3 { half - half.powi(3) / 6.0 } else { (half + rising).ln() };
-            let sinh_half = (0.5 * nu * eta).sinh();
-            let squared = sinh_half * sinh_half;
-            // sin(nu phi) / (cosh(nu eta) - cos(nu phi)), both through half angles.
-            let term = |n: usize| match felt[n] {
-                true => (nu * phases[n]).sin() / (2.0 * (squared + halves[n] * halves[n])),
-                false => Complex64::ZERO,
-            };
-            // d eta = i ds * measure, ds = 2 u^2 dt; the nodes before the first one form a geometric series.
-            let rest = if i == 0 { 1.0 / (1.0 - (-STEP).exp()) } else { 1.0 };
-            let measure = match wave {
-                Wave::Plane => Complex64::from(1.0 / r),
-                Wave::Line => Complex64::new(over_m, s) / (r * r_s),
-                Wave::Point(_) => Complex64::from(1.0 / (r * r_s)),
-            };
-            let weight = Complex64::I * measure / (2.0 * half * rising) * (-nu / PI * s * STEP * rest);
-            nodes.push((s, weight * (term(0) + term(1)), weight * (term(2) + term(3))));
+        let radii_m = [r, r_s];
+        let integrand =
+            Integrand { wave, nu, over_m, radii_m, phases, halves, felt, rising_per_m, falling_per_m2 };
+        let mut branches = Vec::with_capacity(3);
+        let etas: [f64; 2] = ends_m.map(|z| if z.is_finite() { (z / r_s).asinh() + ((z - dz) / r).asinh() } else { z });
+        let over_edge = etas[0] < 0.0 && etas[1] > 0.0;
+        if over_edge {
+            branches.push(integrand.branch(0.0, over_m, 1.0, spectrum));
+        }
+        for (end, outwards) in [(0, -1.0), (1, 1.0)] {
+            let eta = etas[end];
+            if eta.is_finite() {
+                // What lies beyond the far end is missing; an end on this side of the shortest way is the near limit.
+                let sign = if eta * outwards > 0.0 { -0.5 } else { 0.5 };
+                let length_m = ends_m[end].hypot(r_s) + (ends_m[end] - dz).hypot(r);
+                branches.push(integrand.branch(eta.abs(), length_m, sign, spectrum));
+            }
         }
         let straight = |angle: f64| match wave {
             Wave::Plane => -r * angle.cos(),
             _ => ((r - r_s).powi(2) + 4.0 * r * r_s * (0.5 * angle).sin().powi(2) + dz * dz).sqrt(),
         };
         let seen = |angle: f64| match PI - angle {
-            margin if margin.abs() < ON_BOUNDARY => 0.5,
+            margin if over_edge && margin.abs() < ON_BOUNDARY => 0.5,
             margin if margin > 0.0 => 1.0,
             _ => 0.0,
         };
@@ -125,7 +216,7 @@ impl WedgeField {
         Self {
             wave,
             over_m,
-            nodes,
+            branches,
             direct: (straight(difference), seen(difference.abs())),
             reflected: (straight(image), seen(image)),
         }
@@ -136,34 +227,80 @@ impl WedgeField {
         self.reflected.1 == 1.0
     }
 
+    /// What the edge sends at wave number `k` in 1/m; phases relative to the way over the (infinitely long) edge.
+    ///
+    /// `share`: of a wave whose way over the edge, or over one of its ends, is this many metres long.
+    pub fn diffracted(&self, k: f64, share: impl Fn(f64) -> f64) -> Diffracted {
+        let mut sum = Diffracted { incident: Complex64::ZERO, faces: [Complex64::ZERO; 2] };
+        for branch in &self.branches {
+            let share = share(branch.length_m);
+            if share == 0.0 {
+                continue;
+            }
+            let turn = if branch.length_m == self.over_m {
+                Complex64::from(share)
+            } else {
+                Complex64::from_polar(share, k * (branch.length_m - self.over_m))
+            };
+            for node in &branch.nodes {
+                let decay = (-k * node.s_m).exp();
+                let wave = match self.wave {
+                    // H0(k (L0 + i s)) without exp(i k L0), so that its modulus over 1 m is 1/sqrt(r).
+                    Wave::Line => {
+                        decay
+                            * scaled_hankel0(Complex64::new(k * branch.length_m, k * node.s_m))
+                            * (0.5 * PI * k).sqrt()
+                    }
+                    _ => decay * turn,
+                };
+                sum.incident += node.incident * wave;
+                sum.faces[0] += node.faces[0] * wave;
+                sum.faces[1] += node.faces[1] * wave;
+            }
+        }
+        sum
+    }
+
+    /// The free field over `length_m` at wave number `k`, with the phase of [`WedgeField::diffracted`].
+    pub fn undisturbed(&self, length_m: f64, k: f64) -> Complex64 {
+        free_wave(self.wave, length_m, k) * Complex64::from_polar(1.0, -k * self.over_m)
+    }
+
     /// Both parts at wave number `k` in 1/m; phases relative to the way over the edge.
     pub fn parts(&self, k: f64) -> Parts {
-        let mut parts = [Complex64::ZERO; 2];
-        for &(s, incident, reflected) in &self.nodes {
-            let decay = (-k * s).exp();
-            let wave = match self.wave {
-                // H0(k (L0 + i s)) without exp(i k L0), so that its modulus over 1 m is 1/sqrt(r).
-                Wave::Line => decay * scaled_hankel0(Complex64::new(k * self.over_m, k * s)) * (0.5 * PI * k).sqrt(),
-                _ => Complex64::from(decay),
-            };
-            parts[0] += incident * wave;
-            parts[1] += reflected * wave;
-        }
+        let edge = self.diffracted(k, |_| 1.0);
+        let mut parts = [edge.incident, edge.faces[0] + edge.faces[1]];
         for (part, (length, seen)) in parts.iter_mut().zip([self.direct, self.reflected]) {
             if seen > 0.0 {
-                let turn = Complex64::from_polar(seen, k * (length - self.over_m));
-                *part += match self.wave {
-                    Wave::Plane => turn,
-                    Wave::Point(_) => turn / length,
-                    Wave::Line => turn * scaled_hankel0(Complex64::from(k * length)) * (0.5 * PI * k).sqrt(),
-                };
+                *part += seen * self.undisturbed(length, k);
             }
         }
         Parts { incident: parts[0], reflected: parts[1] }
     }
 
+    /// Lengths in m of the ways over the edge and over its ends.
+    pub fn ways_m(&self) -> impl Iterator<Item = f64> {
+        self.branches.iter().map(|branch| branch.length_m)
+    }
+
+    /// Length in m of the way over the infinitely long edge.
+    pub fn over_m(&self) -> f64 {
+        self.over_m
+    }
+
+    /// Length in m of the straight way and of that of the nearer face's reflection.
+    pub fn lengths_m(&self) -> [f64; 2] {
+        [self.direct.0, self.reflected.0]
+    }
+
+    /// Whether the direct and the reflected sound stand exactly on their boundary: half of each is then to be seen, and
+    /// [`WedgeField::diffracted`] has nothing of it.
+    pub fn undecided(&self) -> [bool; 2] {
+        [self.direct.1 == 0.5, self.reflected.1 == 0.5]
+    }
+
     /// |p|^2 of the source's free field over `length_m` at wave number `k`, in the unit of [`Parts`].
-    fn free(&self, length_m: f64, k: f64) -> f64 {
+    pub fn free(&self, length_m: f64, k: f64) -> f64 {
         match self.wave {
             Wave::Plane => 1.0,
             Wave::Point(_) => 1.0 / (length_m * length_m),
@@ -172,22 +309,12 @@ impl WedgeField {
     }
 
     /// Intensity of the free field over `length_m` relative to 1 m: 1/r^2, 1/r or 1.
-    fn free_intensity(&self, length_m: f64) -> f64 {
+    pub fn free_intensity(&self, length_m: f64) -> f64 {
         match self.wave {
             Wave::Plane => 1.0,
             Wave::Point(_) => 1.0 / (length_m * length_m),
             Wave::Line => 1.0 / length_m,
         }
-    }
-
-    /// Intensity of the reflection by the nearer face, as if it were unbounded, relative to the free field at 1 m.
-    pub fn reflected_intensity(&self) -> f64 {
-        self.free_intensity(self.reflected.0)
-    }
-
-    /// Fresnel number of the edge for the sound reflected by the nearer face, at the centre of the band.
-    pub fn reflection_fresnel(&self, spectrum: &Spectrum) -> f64 {
-        (self.over_m - self.reflected.0).max(0.0) * (spectrum.low_k() + spectrum.high_k()) / (2.0 * PI)
     }
 
     /// Band mean of `power` of the parts, relative to the free field at 1 m (for a line source by |p/p_free|^2 times 1/r).
@@ -201,6 +328,17 @@ impl WedgeField {
             .map(|(k, weight)| weight * power(&self.parts(k)) / self.free(length, k))
             .sum();
         mean * self.free_intensity(length)
+    }
+}
+
+/// The free field over `length_m` at wave number `k` in 1/m: exp(i k r)/r, H0(k r) scaled to 1/sqrt(r) far away, or
+/// exp(i k r) for a plane wave along the way.
+pub fn free_wave(wave: Wave, length_m: f64, k: f64) -> Complex64 {
+    let turn = Complex64::from_polar(1.0, k * length_m);
+    match wave {
+        Wave::Plane => turn,
+        Wave::Point(_) => turn / length_m,
+        Wave::Line => turn * scaled_hankel0(Complex64::from(k * length_m)) * (0.5 * PI * k).sqrt(),
     }
 }
 
@@ -276,5 +414,37 @@ mod tests {
         let expected = (wave(straight(1.1)) + wave(straight(2.9))).norm_sqr();
         let got = coherent(&field.parts(k));
         assert!((got / expected - 1.0).abs() < 1e-9, "{got} {expected}");
+    }
+
+    #[test]
+    fn an_edge_that_ends_sends_the_line_integral_over_its_length() {
+        let (exterior, r_s, r, dz, c) = (1.5 * PI, 1.2, 2.0, 0.8, 343.0);
+        let nu = PI / exterior;
+        let (source, receiver) = (AboutEdge { r_m: r_s, phi: 0.7 }, AboutEdge { r_m: r, phi: 4.2 });
+        // Keller's point at 0.3: inside, at an end, just and far beside.
+        for ends in [[-1.0, 0.9], [0.3, 2.0], [0.31, 5.0], [1.5, 4.0], [-3.0, -0.2]] {
+            for f in [125.0, 1000.0] {
+                let k = std::f64::consts::TAU * f / c;
+                let n = 200_000;
+                let step = (ends[1] - ends[0]) / n as f64;
+                let phases = [PI - 3.5, PI + 3.5, PI - 4.9, PI + 4.9];
+                let expected: Complex64 = (0..n)
+                    .map(|i| {
+                        let z: f64 = ends[0] + (i as f64 + 0.5) * step;
+                        let (m, l) = (z.hypot(r_s), (z - dz).hypot(r));
+                        let eta = (z / r_s).asinh() + ((z - dz) / r).asinh();
+                        let beta: f64 =
+                            phases.iter().map(|p| (nu * p).sin() / ((nu * eta).cosh() - (nu * p).cos())).sum();
+                        Complex64::from_polar(-nu / (4.0 * PI) * beta * step / (m * l), k * (m + l))
+                    })
+                    .sum();
+                let spectrum = Spectrum::tone(f, c);
+                let field = WedgeField::between(exterior, source, receiver, Wave::Point(dz), ends, &spectrum);
+                let d = field.diffracted(k, |_| 1.0);
+                let got = (d.incident + d.faces[0] + d.faces[1]) * Complex64::from_polar(1.0, k * field.over_m());
+                // 1e-5 of the whole edge: the rule's accuracy (STEP).
+                assert!((got - expected).norm() < 1e-5, "{ends:?} {f} Hz: {got} {expected}");
+            }
+        }
     }
 }

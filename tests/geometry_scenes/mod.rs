@@ -46,6 +46,7 @@ pub(crate) fn empty() -> Scene {
             diffraction_order: 2,
             edges: Edges::Auto,
             transport: Transport::Wbsdf,
+            interference: false,
         },
         output: Output { sample_rate_hz: 48000, response_length_s: None },
         sweep: None,

@@ -45,6 +45,7 @@ pub(crate) fn empty(bands: usize) -> Scene {
             diffraction_order: 1,
             edges: Edges::Auto,
             transport: Transport::Wbsdf,
+            interference: false,
         },
         output: Output { sample_rate_hz: 48_000, response_length_s: None },
         sweep: None,
