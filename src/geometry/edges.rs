@@ -12,12 +12,12 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::{Element, Geometry, Skip};
 use super::facet::PORTAL_BIT;
 use super::patches::Topology;
 use super::planes::COPLANAR_M;
 use super::region::Region;
 use super::sheets::Sheet;
+use super::{Element, Geometry, Skip};
 use crate::scene::Scene;
 
 /// A straight edge and its two faces.

@@ -35,14 +35,10 @@ const TOLERANCE: f64 = 1e-4;
 
 /// Adds the paths over all felt edges, and what edges in sight change, to `paths`; where pressures are asked for, also what
 /// the edges send to `waves`.
-pub(super) fn add<'a>(
-    pair: &Pair<'a>,
-    reaches: &[EdgeReach],
-    paths: &mut Vec<Specular>,
-    waves: &mut Vec<Wave<'a>>,
-) {
+pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Specular>, waves: &mut Vec<Wave<'a>>) {
     let &Pair { geometry, source, probe, order, .. } = pair;
-    let felt: Vec<&'a Edge> = geometry.edges.iter().zip(reaches).filter(|(_, reach)| reach.felt).map(|(e, _)| e).collect();
+    let felt: Vec<&'a Edge> =
+        geometry.edges.iter().zip(reaches).filter(|(_, reach)| reach.felt).map(|(e, _)| e).collect();
     if felt.is_empty() {
         return;
     }
@@ -186,10 +182,9 @@ impl<'a> Ends<'_, 'a> {
             return None;
         }
         let (length_m, straight_m) = match self.from.origin {
-            Origin::Along(direction) => (
-                edge.point(keller_m).dot(direction) + to.r_m / sin_beta,
-                self.receiver.dot(direction),
-            ),
+            Origin::Along(direction) => {
+                (edge.point(keller_m).dot(direction) + to.r_m / sin_beta, self.receiver.dot(direction))
+            }
             Origin::At(_) if two_dimensional => {
                 let half = 0.5 * (to.phi - from.phi);
                 (from.r_m + to.r_m, ((to.r_m - from.r_m).powi(2) + 4.0 * from.r_m * to.r_m * half.sin().powi(2)).sqrt())
@@ -200,10 +195,7 @@ impl<'a> Ends<'_, 'a> {
         let apart = if two_dimensional { 0.0 } else { to.along_m - from.along_m };
         let detour = (length_m - straight_m).min(image_detour_m(edge, &from, &to, length_m, apart));
         let low_hz = spectra.first()?.low_hz;
-        if lit
-            && !scene.adds_pressures()
-            && 2.0 * detour * low_hz / scene.air.speed_of_sound_m_s > FELT_FRESNEL
-        {
+        if lit && !scene.adds_pressures() && 2.0 * detour * low_hz / scene.air.speed_of_sound_m_s > FELT_FRESNEL {
             return None;
         }
         // Just outside the edge, in the middle of the fluid; from an end a little into the edge.
@@ -500,8 +492,7 @@ impl Group<'_, '_> {
         }
         for (n, (reflection, rays, edges)) in faces.iter().enumerate() {
             let Some(reflection) = reflection else { continue };
-            changes.faces[n][band] +=
-                scale * (alone(rays) + rays.iter().map(|r| both(reflection, r)).sum::<f64>());
+            changes.faces[n][band] += scale * (alone(rays) + rays.iter().map(|r| both(reflection, r)).sum::<f64>());
             // Near the reflection boundary the edge joins the direct sound and the reflection.
             let (mut cross, mut joins) = (0.0, 0.0_f64);
             for (r, &e) in rays.iter().zip(edges) {

@@ -99,8 +99,8 @@ pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
                             };
                             let over = way_m(&from, &receiver, on_edge);
                             let image = image_detour_m(edge, &from, &receiver, over, along);
-                            let mirrored = (edge.on_surface[0] && keller < 0.0)
-                                || (edge.on_surface[1] && keller > edge.length_m);
+                            let mirrored =
+                                (edge.on_surface[0] && keller < 0.0) || (edge.on_surface[1] && keller > edge.length_m);
                             if mirrored && source.kind == SourceKind::Point {
                                 continue;
                             }

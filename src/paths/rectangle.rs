@@ -16,8 +16,8 @@ use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::mask::{Jambs, Mask};
-use crate::wbsdf::product::{shortest_over, span};
 use crate::wbsdf::rectangle::Rectangle;
+use crate::wbsdf::rim::{shortest_over, span};
 
 /// Rectangular openings of one wall with the same limits along y.
 pub(super) struct Rectangles {

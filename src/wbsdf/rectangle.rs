@@ -1,7 +1,5 @@
-//! A rectangular opening between two points: exact where its longer side is a few wavelengths, beyond the product of its two
-//! directions, frequency by frequency.
-//!
-//! The first is hatch.rs, the second product.rs.
+//! A rectangular opening between two points: exact (hatch.rs) where its longer side is a few wavelengths, beyond that the
+//! pressures of its edges (rim.rs).
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
@@ -12,28 +10,29 @@ use glam::DVec3;
 use super::crossing::Spectrum;
 use super::hatch::{Driven, Hatch, View, transmission, unknowns};
 use super::mask::{Jambs, Mask};
-use super::product::{NARROW_SIDE_KA, Product, only};
+use super::product::paraxial_intensity;
+use super::rim::{NARROW_SIDE_KA, Rim, only};
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
 use super::thick::is_thick;
 
 /// k times width of both sides up to which traced rays meet a small hole.
 const SMALL_HOLE_KA: f64 = 3.0;
-/// Unknowns of the exact rectangle between which the product takes over from it: k times the side 16 to 25 for squares, more
+/// Unknowns of the exact rectangle between which the edges take over from it: k times the side 16 to 25 for squares, more
 /// for slender openings. A band costs up to 0.1 s there, and eight times that an octave further.
 const EXACT_UNKNOWNS: [f64; 2] = [260.0, 420.0];
 /// Distances of the farther of source and receiver from the opening, in longer sides, between which the exact rectangle
-/// takes over from the product: its functions do not resolve the field between two points that are nearer.
+/// takes over from the edges: its functions do not resolve the field between two points that are nearer.
 const EXACT_FROM: [f64; 2] = [0.08, 0.16];
 
 /// How a rectangular opening is modelled in a band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sides {
-    /// Signed rays both ways.
+    /// Its four edges.
     WideBoth,
-    /// Exact aperture along x, signed rays along y.
+    /// Its edges, with the exact aperture across x.
     NarrowX,
-    /// Signed rays along x, exact aperture along y.
+    /// Its edges, with the exact aperture across y.
     NarrowY,
     /// The exact rectangle.
     Exact,
@@ -49,7 +48,7 @@ impl Sides {
         match x.max(y) {
             ka if ka < SMALL_HOLE_KA => Self::SmallHole,
             _ if unknowns(x, y) < EXACT_UNKNOWNS[1] => Self::Exact,
-            _ => match (x < NARROW_SIDE_KA, y < NARROW_SIDE_KA) {
+            _ => match (x < NARROW_SIDE_KA[0], y < NARROW_SIDE_KA[0]) {
                 (true, _) => Self::NarrowX,
                 (false, true) => Self::NarrowY,
                 (false, false) => Self::WideBoth,
@@ -68,7 +67,7 @@ pub struct Rectangle {
     exact: Option<Hatch>,
     /// Points that the exact rectangle has met, by the bits of their coordinates.
     met: Mutex<HashMap<[u64; 3], Arc<Met>>>,
-    product: OnceLock<Product>,
+    rim: OnceLock<Rim>,
     /// The openings one by one where there are several.
     parts: Vec<Self>,
 }
@@ -97,20 +96,24 @@ impl Rectangle {
         let several = x.openings().len() > 1;
         let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, thickness_m, spectrum, jambs);
         let parts = if several { x.openings().iter().map(part).collect() } else { Vec::new() };
-        let (met, product) = (Mutex::default(), OnceLock::new());
-        Self { x: x.clone(), y: y.clone(), thickness_m, spectrum: *spectrum, jambs, exact, met, product, parts }
+        let (met, rim) = (Mutex::default(), OnceLock::new());
+        Self { x: x.clone(), y: y.clone(), thickness_m, spectrum: *spectrum, jambs, exact, met, rim, parts }
     }
 
     /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
     /// mean. Both in the opening's frame (x and y along its sides, z the normal, in m), on opposite sides of z = 0.
     /// Swapping them changes nothing.
     ///
-    /// Several openings: what they pass one by one, times what the product says that they pass together.
+    /// Several openings: what they pass one by one, times what their edges say
+    /// that they pass together.
     pub fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
+        if self.jambs == Jambs::Paraxial {
+            return paraxial_intensity(&self.x, &self.y, source, receiver, &self.spectrum);
+        }
         if !self.parts.is_empty() {
             let sum = |f: &dyn Fn(&Self) -> f64| self.parts.iter().map(f).sum::<f64>();
-            let apart = sum(&|part| part.product(source, receiver));
-            let together = self.product(source, receiver);
+            let apart = sum(&|part| part.rim(source, receiver));
+            let together = self.rim(source, receiver);
             return if apart > 0.0 { together * sum(&|part| part.intensity(source, receiver)) / apart } else { 0.0 };
         }
         let share = self.exact_share(source, receiver);
@@ -124,7 +127,7 @@ impl Rectangle {
         if share == 1.0 {
             return exact;
         }
-        share * exact + (1.0 - share) * self.product(source, receiver)
+        share * exact + (1.0 - share) * self.rim(source, receiver)
     }
 
     /// The opening number `i` alone, all of them if there is no such one.
@@ -132,9 +135,9 @@ impl Rectangle {
         self.parts.get(i).unwrap_or(self)
     }
 
-    fn product(&self, source: DVec3, receiver: DVec3) -> f64 {
-        let new = || Product::new(&self.x, &self.y, self.thickness_m, &self.spectrum, self.jambs);
-        self.product.get_or_init(new).intensity(source, receiver)
+    fn rim(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let new = || Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum);
+        self.rim.get_or_init(new).intensity(source, receiver)
     }
 
     fn meet(&self, hatch: &Hatch, point: DVec3) -> Arc<Met> {

@@ -107,7 +107,8 @@ struct Integrand {
 impl Integrand {
     /// The branch that starts at `eta` >= 0, where the way is `length_m` long; `factor`: of all weights.
     fn branch(&self, eta: f64, length_m: f64, factor: f64, spectrum: &Spectrum) -> Branch {
-        let rising = if self.wave == Wave::Plane { self.rising_per_m } else { self.rising_per_m * length_m / self.over_m };
+        let rising =
+            if self.wave == Wave::Plane { self.rising_per_m } else { self.rising_per_m * length_m / self.over_m };
         let start_half = (0.5 * eta).sinh();
         let scale = (2.0 / rising).sqrt();
         let nearest = (0..4).filter(|n| self.felt[*n]).fold(1.0_f64, |a, n| a.min(self.halves[n].abs() / self.nu));
@@ -119,8 +120,7 @@ impl Integrand {
         for i in 0..=count.max(0.0) as usize {
             let u = start * (STEP * i as f64).exp();
             let s = u * u;
-            let squared_half =
-                start_half * start_half + Complex64::new(-s * s * self.falling_per_m2, s * rising) * 0.5;
+            let squared_half = start_half * start_half + Complex64::new(-s * s * self.falling_per_m2, s * rising) * 0.5;
             let half = squared_half.sqrt();
             let other = (1.0 + squared_half).sqrt();
             let eta = 2.0 * if half.norm() < 1e-3 { half - half.powi(3) / 6.0 } else { (half + other).ln() };
@@ -184,8 +184,7 @@ impl WedgeField {
         // Boundaries of the far face stand at 2 theta_w, where the sine vanishes too.
         let felt = halves.map(|half| 2.0 * half.abs() / nu > ON_BOUNDARY);
         let radii_m = [r, r_s];
-        let integrand =
-            Integrand { wave, nu, over_m, radii_m, phases, halves, felt, rising_per_m, falling_per_m2 };
+        let integrand = Integrand { wave, nu, over_m, radii_m, phases, halves, felt, rising_per_m, falling_per_m2 };
         let mut branches = Vec::with_capacity(3);
         let etas: [f64; 2] = ends_m.map(|z| if z.is_finite() { (z / r_s).asinh() + ((z - dz) / r).asinh() } else { z });
         let over_edge = etas[0] < 0.0 && etas[1] > 0.0;
