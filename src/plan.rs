@@ -260,7 +260,7 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
                     let sides =
                         Sides::of(opening.open_x_m[1] - opening.open_x_m[0], opening.y_m[1] - opening.y_m[0], spectrum);
                     match sides {
-                        Sides::WideBoth | Sides::Paraxial => PortalModel::Opening,
+                        Sides::WideBoth => PortalModel::Opening,
                         _ if scene.simulation.transport == Transport::Paraxial => PortalModel::Opening,
                         _ if deep => PortalModel::DeepGap,
                         _ => PortalModel::NarrowOpening,

@@ -6,7 +6,8 @@ use reference::{Errors, Row, SCREEN, head, level, probe, source, table};
 
 fn errors(mean: &str, chosen: impl Fn(&Row) -> bool) -> Errors {
     let mut errors = Errors::default();
-    for row in table("rectangles").iter().filter(|r| r.text("mean") == mean && chosen(r)) {
+    let rows = table("rectangles").into_iter().chain(table("hatches"));
+    for row in rows.filter(|r| r.text("mean") == mean && chosen(r)) {
         let (w, h) = (0.5 * row.number("width_m"), 0.5 * row.number("height_m"));
         let opening = format!(
             "[[opening]]\nname = \"door\"\nwall = \"screen\"\nx_m = [{:?}, {w:?}]\ny_m = [{:?}, {h:?}]\n",
@@ -20,29 +21,221 @@ fn errors(mean: &str, chosen: impl Fn(&Row) -> bool) -> Errors {
     errors
 }
 
-// The product of two slits leaves the corners out: felt where the long side is less than a wavelength or two.
+/// Doors of 0.9 m by 2 m and ajar by 0.1 m, by boundary elements.
+fn door(row: &Row) -> bool {
+    let sides = (row.number("width_m"), row.number("height_m"));
+    // The rows computed by boundary elements are those whose source lies on one of two places.
+    (sides == (0.1, 2.0) || sides == (0.9, 2.0)) && [0.0, -1.0].contains(&row.number("sx_m"))
+}
+
+// The table is good to 0.005 dB where two meshes were run, as they were up to 500 Hz (0.1 m wide: 1 kHz).
 
 #[test]
-fn from_500_hz_octave_levels_behind_a_door_are_within_a_quarter_decibel() {
-    errors("octave", |r| r.number("width_m") > 0.5 && r.number("band_hz") >= 500.0)
-        .assert_within("0.9 m by 2 m", [0.06, 0.18, 0.25]);
+fn levels_behind_a_door_of_few_wavelengths_are_exact() {
+    errors("octave", |r| door(r) && r.number("width_m") > 0.5 && r.number("band_hz") <= 500.0)
+        .assert_within("0.9 m by 2 m", [0.003, 0.005, 0.01]);
+    errors("octave", |r| door(r) && r.number("width_m") < 0.5 && r.number("band_hz") <= 1000.0)
+        .assert_within("0.1 m by 2 m", [0.001, 0.002, 0.01]);
+}
+
+// Beyond, single diffraction at the edges leaves out what the corners do.
+
+#[test]
+fn octave_levels_behind_doors_of_many_wavelengths_are_within_a_twentieth_of_a_decibel() {
+    errors("octave", |r| door(r) && r.number("width_m") > 0.5 && r.number("band_hz") > 500.0)
+        .assert_within("0.9 m by 2 m", [0.01, 0.03, 0.03]);
+    errors("octave", |r| door(r) && r.number("width_m") < 0.5 && r.number("band_hz") > 1000.0)
+        .assert_within("0.1 m by 2 m", [0.01, 0.03, 0.06]);
 }
 
 #[test]
-fn at_125_and_250_hz_octave_levels_behind_a_door_are_within_0_6_db() {
-    errors("octave", |r| r.number("width_m") > 0.5 && r.number("band_hz") < 500.0)
-        .assert_within("0.9 m by 2 m", [0.3, 0.55, 0.6]);
+fn tones_behind_rectangles_are_within_a_third_of_a_decibel() {
+    // The largest is 20 dB below its neighbours, where the waves of four edges nearly cancel.
+    errors("tone", |_| true).assert_within("tones", [0.01, 0.03, 0.3]);
 }
 
 #[test]
-fn octave_levels_behind_a_door_ajar_are_within_0_7_db_and_0_4_from_1_khz() {
-    errors("octave", |r| r.number("width_m") < 0.5 && r.number("band_hz") >= 1000.0)
-        .assert_within("0.1 m by 2 m", [0.05, 0.25, 0.4]);
-    errors("octave", |r| r.number("width_m") < 0.5 && r.number("band_hz") < 1000.0)
-        .assert_within("0.1 m by 2 m", [0.5, 0.65, 0.7]);
+fn hatches_gaps_and_squares_are_exact_at_oblique_and_near_places() {
+    // Sides of 0.02 to 1.2 m, up to 75 degrees off the normal and 0.5 m near, both planes.
+    errors("octave", |r| !door(r) && r.number("width_m") * r.number("height_m") * r.number("band_hz") < 1000.0)
+        .assert_within("hatches", [0.002, 0.01, 0.05]);
 }
 
 #[test]
-fn tones_behind_rectangles_are_within_1_db() {
-    errors("tone", |_| true).assert_within("tones", [0.3, 0.7, 1.0]);
+fn levels_oblique_to_both_sides_of_a_door_are_within_2_db_at_1_khz() {
+    // All but one within 0.1 dB; that one lies 75 degrees off in the shadow of a corner, 30 dB down.
+    errors("octave", |r| !door(r) && r.number("width_m") * r.number("height_m") * r.number("band_hz") > 1000.0)
+        .assert_within("doors, oblique", [0.03, 2.0, 2.0]);
+}
+
+/// An opening in the screen with limits as they are written.
+fn opening(name: &str, x_m: &str, z_m: &str) -> String {
+    format!("[[opening]]\nname = \"{name}\"\nwall = \"screen\"\nx_m = {x_m}\ny_m = {z_m}\n")
+}
+
+/// A level in an octave band with a source and a probe.
+fn through(openings: &str, s: [f64; 3], p: [f64; 3], band_hz: f64) -> f64 {
+    level(&(head("octave", band_hz) + SCREEN + openings + &source("point", s, [0.0; 3]) + &probe("p", p)))
+}
+
+/// The plane z = 0 and reflections in it.
+fn floor(absorption: f64) -> String {
+    format!(
+        "[simulation]\nreflection_order = 2\n[material.ground]\nabsorption = {absorption:?}\n[[wall]]\nname = \"floor\"\n\
+         corners_m = [[0, 0, 0], [1, 0, 0], [1, 1, 0]]\nunbounded = true\nmaterial = \"ground\"\n"
+    )
+}
+
+fn energy(level_db: f64) -> f64 {
+    10_f64.powf(0.1 * level_db)
+}
+
+#[test]
+fn a_door_on_a_rigid_floor_is_half_of_one_twice_as_high() {
+    let door = opening("door", "[-0.45, 0.45]", "[0, 2]");
+    let twice = opening("door", "[-0.45, 0.45]", "[-2, 2]");
+    for (s, p) in [([0.3, 2.0, 1.2], [-0.5, -1.5, 1.6]), ([-1.0, 1.5, 0.4], [1.2, -0.8, 0.3])] {
+        for band_hz in [63.0, 250.0, 2000.0] {
+            let room = head("octave", band_hz) + &floor(0.0) + SCREEN + &door;
+            let got = level(&(room + &source("point", s, [0.0; 3]) + &probe("p", p)));
+            let image = [s[0], s[1], -s[2]];
+            let expected = energy(through(&twice, s, p, band_hz)) + energy(through(&twice, image, p, band_hz));
+            // The way over the floor and the direct one, added in energy like all paths.
+            let error = got - 10.0 * expected.log10();
+            assert!(error.abs() < 1e-6, "{s:?} {p:?} {band_hz}: {error}");
+        }
+    }
+}
+
+#[test]
+fn an_absorbing_floor_mirrors_the_door_by_the_pressure_it_reflects() {
+    let door = opening("door", "[-0.45, 0.45]", "[0, 2]");
+    let twice = opening("door", "[-0.45, 0.45]", "[-2, 2]");
+    let (s, p) = ([0.3, 2.0, 1.2], [-0.5, -1.5, 1.6]);
+    let room = head("octave", 500.0) + &floor(1.0) + SCREEN + &door;
+    let deaf = level(&(room + &source("point", s, [0.0; 3]) + &probe("p", p)));
+    // A floor that reflects nothing leaves the door alone in the screen.
+    assert!((deaf - through(&door, s, p, 500.0)).abs() < 1e-6, "{deaf}");
+    let room = head("octave", 500.0) + &floor(0.19) + SCREEN + &door;
+    let got = energy(level(&(room + &source("point", s, [0.0; 3]) + &probe("p", p))));
+    let image = [s[0], s[1], -s[2]];
+    let beyond = [p[0], p[1], -p[2]];
+    // Pressure factor 0.9 for the mirrored field, 0.81 for the energy of a reflection.
+    let both = energy(through(&twice, s, p, 500.0)) + 0.81 * energy(through(&twice, image, p, 500.0));
+    let alone = energy(through(&door, s, p, 500.0))
+        + 0.81 * (energy(through(&door, image, p, 500.0)) + energy(through(&door, s, beyond, 500.0)))
+        + 0.81 * 0.81 * energy(through(&door, image, beyond, 500.0));
+    let error = 10.0 * (got / (0.9 * both + 0.1 * alone)).log10();
+    assert!(error.abs() < 1e-6, "{error}");
+}
+
+#[test]
+fn strips_with_one_end_tend_to_the_half_plane_and_to_the_slit() {
+    let (s, p) = ([0.3, 1.5, 0.2], [-0.6, -1.2, -0.1]);
+    for band_hz in [250.0, 2000.0] {
+        let half_plane = through("[[opening]]\nname = \"o\"\nwall = \"screen\"\nx_m = [0, inf]\n", s, p, band_hz);
+        let high = through(&opening("o", "[0, inf]", "[-300, 300]"), s, p, band_hz);
+        // The far ends send 1/100 of the pressure at 250 Hz.
+        assert!((high - half_plane).abs() < 0.05, "{band_hz}: {high} {half_plane}");
+        let slit = through(&opening("o", "[-0.5, 0.5]", "[-300, 300]"), s, p, band_hz);
+        let turned = through(&opening("o", "[-300, inf]", "[-0.5, 0.5]"), [0.2, 1.5, 0.3], [-0.1, -1.2, -0.6], band_hz);
+        assert!((slit - turned).abs() < 0.05, "{band_hz}: {slit} {turned}");
+        let endless = through("[[opening]]\nname = \"o\"\nwall = \"screen\"\nx_m = [-0.5, 0.5]\n", s, p, band_hz);
+        assert!((slit - endless).abs() < 0.1, "{band_hz}: {slit} {endless}");
+    }
+}
+
+#[test]
+fn openings_side_by_side_interfere_like_slits_and_touching_ones_are_one() {
+    let (s, p) = ([0.1, 2.0, 0.2], [-0.3, -1.5, -0.1]);
+    let bare = |name: &str, x: &str| format!("[[opening]]\nname = \"{name}\"\nwall = \"screen\"\nx_m = {x}\n");
+    for band_hz in [250.0, 1000.0] {
+        let tall = |x: [&str; 2]| opening("a", x[0], "[-200, 200]") + &opening("b", x[1], "[-200, 200]");
+        let slits = |x: [&str; 2]| bare("a", x[0]) + &bare("b", x[1]);
+        for x in [["[-0.9, -0.3]", "[0.3, 0.9]"], ["[-0.2, -0.1]", "[0.1, 0.2]"]] {
+            let (got, expected) = (through(&tall(x), s, p, band_hz), through(&slits(x), s, p, band_hz));
+            // The closed form of two slits is good to 0.2 dB from 1 kHz on.
+            assert!((got - expected).abs() < 0.25, "{band_hz} {x:?}: {got} {expected}");
+        }
+        let panes = opening("a", "[-0.4, 0.1]", "[0, 1]") + &opening("b", "[0.1, 0.6]", "[0, 1]");
+        let one = through(&opening("o", "[-0.4, 0.6]", "[0, 1]"), s, p, band_hz);
+        assert!((through(&panes, s, p, band_hz) - one).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn levels_are_continuous_as_a_side_or_the_frequency_grows() {
+    // From the exact rectangle to its edges: steps of 2 % change levels by less than 0.1 dB beyond their trend.
+    let sweep = |level_of: &dyn Fn(f64) -> f64, from: f64, to: f64| {
+        let count = ((to / from).ln() / 0.02) as usize;
+        let levels: Vec<f64> = (0..count).map(|i| level_of(from * (0.02 * i as f64).exp())).collect();
+        for (i, w) in levels.windows(3).enumerate() {
+            let bend = w[2] - 2.0 * w[1] + w[0];
+            assert!(bend.abs() < 0.1, "{} {w:?}", from * (0.02 * i as f64).exp());
+        }
+    };
+    let (s, p) = ([0.3, 1.5, 0.9], [-0.7, -1.0, 0.5]);
+    let side = |w: f64| through(&opening("o", &format!("[-0.1, {w:?}]"), "[-0.3, 0.4]"), s, p, 1000.0);
+    sweep(&side, 0.05, 1.5);
+    let tall = |h: f64| through(&opening("o", "[-0.05, 0.05]", &format!("[-0.3, {h:?}]")), s, p, 1000.0);
+    sweep(&tall, 0.2, 4.0);
+    // All lengths together: as if the frequency grew.
+    let scaled = |f: f64| {
+        let limits = |low: f64, high: f64| format!("[{:?}, {:?}]", low * f, high * f);
+        through(&opening("o", &limits(-0.5, 0.4), &limits(-0.6, 0.5)), s.map(|x| x * f), p.map(|x| x * f), 1000.0)
+    };
+    sweep(&scaled, 0.5, 2.0);
+}
+
+#[test]
+fn a_millimetre_from_a_jamb_levels_are_those_of_its_edge() {
+    // 1 mm beside the jamb, on and off the opening, before it and in the plane of its rim.
+    let door = opening("door", "[-0.45, 0.45]", "[-1, 1]");
+    let edge = "[[opening]]\nname = \"o\"\nwall = \"screen\"\nx_m = [-inf, 0.45]\n";
+    for s in [[0.451, 0.001, 0.1], [0.449, 0.001, 0.1], [0.45, 0.001, 0.1]] {
+        let p = [0.4501, -0.001, 0.1];
+        let (got, expected) = (through(&door, s, p, 1000.0), through(edge, s, p, 1000.0));
+        assert!((got - expected).abs() < 0.05, "{s:?}: {got} {expected}");
+        // From afar: not silent, and within what the other jamb and the ends add.
+        let far = [0.3, -3.0, -0.2];
+        for band_hz in [63.0, 1000.0, 8000.0] {
+            let (got, back) =
+                (through(&door, s, far, band_hz), through(&door, [0.3, 3.0, -0.2], [s[0], -s[1], s[2]], band_hz));
+            assert!((got - back).abs() < 1e-5, "{s:?} {band_hz}: {got} {back}");
+            assert!(got > -30.0 && got < 0.0, "{s:?} {band_hz}: {got}");
+        }
+    }
+}
+
+#[test]
+fn a_micrometre_gap_and_a_tenth_of_a_degree_of_grazing_give_levels() {
+    let gap = opening("gap", "[0, 1e-6]", "[-1, 1]");
+    let (thin, ten) = (
+        through(&gap, [0.2, 1.0, 0.1], [0.1, -1.0, 0.3], 500.0),
+        through(&opening("gap", "[0, 1e-5]", "[-1, 1]"), [0.2, 1.0, 0.1], [0.1, -1.0, 0.3], 500.0),
+    );
+    // The logarithm of the slit: ten times the width changes levels by 1.4 dB.
+    assert!(ten - thin > 0.5 && ten - thin < 2.5, "{thin} {ten}");
+    // Grazing across the jambs: the screen doubles the pressure, so that levels stay within 30 dB of the free field at 4 m.
+    let grazing = [3.0, 3.0 * 0.1_f64.to_radians(), 0.3];
+    for band_hz in [63.0, 500.0, 4000.0] {
+        let got = through(&opening("door", "[-0.45, 0.45]", "[-1, 1]"), grazing, [-0.3, -1.0, 0.2], band_hz);
+        assert!(got > -50.0 && got < -10.0, "{band_hz}: {got}");
+    }
+}
+
+#[test]
+fn rectangles_are_reciprocal_and_symmetric() {
+    let mirrored = |p: [f64; 3]| [-p[0], p[1], -p[2]];
+    for (x, z) in [("[-0.25, 0.25]", "[-0.5, 0.5]"), ("[-0.01, 0.01]", "[-0.45, 0.45]"), ("[-0.6, 0.6]", "[-1, 1]")] {
+        let o = opening("o", x, z);
+        let (s, p) = ([1.3, 0.9, -0.4], [-0.2, -1.4, 0.8]);
+        let back = |p: [f64; 3]| [p[0], -p[1], p[2]];
+        for band_hz in [125.0, 1000.0, 4000.0] {
+            let level = through(&o, s, p, band_hz);
+            // The opening is the same from behind and upside down.
+            assert!((level - through(&o, back(p), back(s), band_hz)).abs() < 1e-6, "{x} {band_hz}");
+            assert!((level - through(&o, mirrored(s), mirrored(p), band_hz)).abs() < 1e-6, "{x} {band_hz}");
+        }
+    }
 }

@@ -190,25 +190,48 @@ impl Over<'_> {
         let before = source.arrive(scene, geometry, s, apexes[0], Skip::NONE)?;
         let after = probe.arrive(scene, geometry, p, apexes[1], Skip::NONE)?;
         let strongest = paths.iter().filter_map(|path| path.path.intensity.first()).fold(0.0_f64, |a, b| a.max(*b));
-        if passage == Passage::Shadow && chain.bound(spectra.first()?.low_k()) * self.free() < FAINT * strongest {
+        // Where an edge is passed in sight, the path over the other edge is changed, or the direct one beyond that edge's shadow.
+        let single = two.edges[usize::from(passage == Passage::FirstLit)];
+        let changed = match passage {
+            Passage::Shadow => None,
+            _ => {
+                let label = self.label(&[single]);
+                let planes = || source.images[s].planes.iter().chain(probe.images[p].planes.iter().rev());
+                let direct = |path: &Specular| !path.bent && path.planes.iter().eq(planes());
+                let found = paths.iter().position(|path| path.path.label == label);
+                // An edge that the other end sees is in the direct sound already.
+                let seen = || match passage {
+                    Passage::FirstLit => probe.arrive(scene, geometry, p, apexes[0], Skip::NONE).is_some(),
+                    _ => source.arrive(scene, geometry, s, apexes[1], Skip::NONE).is_some(),
+                };
+                Some(found.or_else(|| paths.iter().position(direct).filter(|_| !seen()))?)
+            }
+        };
+        let faint = match changed {
+            Some(path) => *paths[path].path.intensity.first()? < FAINT * strongest,
+            None => chain.bound(spectra.first()?.low_k()) * self.free() < FAINT * strongest,
+        };
+        if faint {
             return None;
         }
         let factors: Vec<f64> = before.factors.iter().zip(&after.factors).map(|(a, b)| a * b).collect();
         if scene.adds_pressures() {
             waves.extend(self.wave(origin, apexes[0], &factors));
         }
-        if passage != Passage::Shadow {
-            let single = two.edges[usize::from(passage == Passage::FirstLit)];
-            let label = self.label(&[single]);
-            let path = paths.iter_mut().find(|path| path.path.label == label)?;
+        if let Some(changed) = changed {
             for (band, spectrum) in spectra.iter().enumerate() {
                 // Short waves do not feel an edge in sight that long ones do.
-                let t = (fresnel(spectrum.low_hz) / FELT_FRESNEL * 2.0 - 1.0).clamp(0.0, 1.0);
-                let felt = 1.0 - t * t * (3.0 - 2.0 * t);
+                let fade = |detour_m: f64| {
+                    let fresnel = 2.0 * detour_m * spectrum.low_hz / speed;
+                    let t = (fresnel / FELT_FRESNEL * 2.0 - 1.0).clamp(0.0, 1.0);
+                    1.0 - t * t * (3.0 - 2.0 * t)
+                };
+                let beyond_m = if paths[changed].bent { 0.0 } else { chain.beyond_m() };
+                let felt = fade(chain.detour_m()) * fade(beyond_m);
                 if felt > 0.0
                     && let Some(change) = ChainField::new(*chain, spectrum).and_then(|field| field.change(spectrum))
                 {
-                    path.path.intensity[band] *= 1.0 + felt * (change - 1.0);
+                    paths[changed].path.intensity[band] *= 1.0 + felt * (change - 1.0);
                 }
             }
             return Some(());
@@ -243,7 +266,7 @@ impl Over<'_> {
             intensity,
             error,
         };
-        paths.push(Specular { planes: passed, path });
+        paths.push(Specular { planes: passed, bent: true, path });
         Some(())
     }
 

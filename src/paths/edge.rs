@@ -101,7 +101,7 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
                     intensity,
                     error,
                 };
-                paths.push(Specular { planes, path });
+                paths.push(Specular { planes, bent: true, path });
             }
             if pair.scene.adds_pressures() {
                 waves.extend(bends.into_iter().map(|bend| {

@@ -7,7 +7,8 @@ use glam::DVec3;
 use num_complex::Complex64;
 
 use super::Pair;
-use super::images::{ImageTree, Loss, Origin};
+use super::images::{ImageTree, Origin};
+use super::rectangle::Rectangles;
 use super::wave::Wave;
 use crate::geometry::{Geometry, Skip};
 use crate::probe::EarlyPath;
@@ -15,40 +16,32 @@ use crate::scene::{Frame, Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::mask::Mask;
 use crate::wbsdf::quadrature::RaySum;
-use crate::wbsdf::rectangle::{Rectangle, Sides, shortest_over};
 use crate::wbsdf::referee;
-use crate::wbsdf::slit::{self, BandApertures, gauss_nodes};
+use crate::wbsdf::slit::{self, BandApertures};
+use crate::wbsdf::utd;
 use crate::wbsdf::utd_opening::OpeningRays;
 
-/// Openings that act as one: a rectangle, or all infinitely long slits of one plane.
+/// Openings that act as one: rectangles of one wall side by side, or all infinitely long slits of one plane.
 pub struct Gap {
     /// Name of the opening(s).
     pub name: String,
-    frame: Frame,
+    pub(super) frame: Frame,
     shape: Shape,
     /// What a ray that stands in the opening cannot meet.
-    skip: Skip,
+    pub(super) skip: Skip,
 }
 
 enum Shape {
     Slits { mask: Mask, depth_m: f64, apertures: Vec<OnceLock<BandApertures>> },
-    Rectangle { x_m: [f64; 2], y_m: [f64; 2], depth_m: f64, bands: Vec<OnceLock<Rectangle>> },
+    Rectangles(Rectangles),
 }
 
 /// Places across an opening (shares of its width) where sight of source and probe is tested.
-const SIGHT_PLACES: [f64; 5] = [0.02, 0.26, 0.5, 0.74, 0.98];
-
-/// A source or probe image with what it sees of a rectangular opening.
-struct Sight {
-    image: usize,
-    position: DVec3,
-    loss: Loss,
-    /// Which of the 5 x 5 places it reaches, x fastest.
-    seen: [bool; 25],
-}
+pub(super) const SIGHT_PLACES: [f64; 5] = [0.02, 0.26, 0.5, 0.74, 0.98];
 
 impl Gap {
-    /// All gaps of the geometry: slits of one plane with parallel edges are joined.
+    /// All gaps of the geometry: slits of one plane with parallel edges are joined, and rectangles of one wall with the same
+    /// limits along y.
     pub fn find(scene: &Scene, geometry: &Geometry) -> Vec<Self> {
         let mut gaps: Vec<Self> = Vec::new();
         for portal in &geometry.portals {
@@ -65,14 +58,25 @@ impl Gap {
                 other.name = format!("{} + {name}", other.name);
                 continue;
             }
+            if let Some(other) = gaps.iter_mut().find(|g| g.skip == skip)
+                && let Shape::Rectangles(rectangles) = &mut other.shape
+                && rectangles.join(portal)
+            {
+                other.name = format!("{} + {name}", other.name);
+                continue;
+            }
             let shape = if slit {
                 let apertures = scene.bands.iter().map(|_| OnceLock::new()).collect();
                 Shape::Slits { mask: Mask::new(&[portal.x_m]), depth_m, apertures }
             } else {
-                let bands = scene.bands.iter().map(|_| OnceLock::new()).collect();
-                Shape::Rectangle { x_m: portal.x_m, y_m: portal.y_m, depth_m, bands }
+                Shape::Rectangles(Rectangles::new(scene, portal, depth_m))
             };
             gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip });
+        }
+        for gap in &mut gaps {
+            if let Shape::Rectangles(rectangles) = &mut gap.shape {
+                rectangles.stand_on(scene, geometry, &gap.frame);
+            }
         }
         gaps
     }
@@ -83,7 +87,7 @@ impl Gap {
     pub(super) fn paths<'a>(&'a self, pair: &Pair<'a>, waves: &mut Vec<Wave<'a>>) -> Vec<EarlyPath> {
         match &self.shape {
             Shape::Slits { mask, depth_m, apertures } => self.slit_paths(pair, mask, *depth_m, apertures, waves),
-            Shape::Rectangle { x_m, y_m, depth_m, bands } => self.rectangle_paths(pair, (*x_m, *y_m, *depth_m), bands),
+            Shape::Rectangles(rectangles) => rectangles.paths(self, pair, waves),
         }
     }
 
@@ -115,6 +119,7 @@ impl Gap {
                 let rays = scene.adds_pressures().then(|| OpeningRays::new(mask.openings(), &crossing));
                 let mut intensity = Vec::with_capacity(spectra.len());
                 let mut error = Vec::with_capacity(spectra.len());
+                let mut factors = Vec::with_capacity(spectra.len());
                 for (band, spectrum) in spectra.iter().enumerate() {
                     let solved = || {
                         let across = slit::sin_beta(mask, &crossing) == 1.0;
@@ -129,10 +134,13 @@ impl Gap {
                     };
                     let air = (-scene.air.attenuation_per_m[band] * length).exp();
                     let factor = share * loss[band] * air;
+                    factors.push(factor);
                     intensity.push(sum.value.max(0.0) * factor);
                     error.push((sum.error + (-sum.value).max(0.0)) * factor);
                 }
-                waves.extend(rays.map(|rays| self.as_pressure(rays, &intensity, &from.origin, pair, length)));
+                waves.extend(
+                    rays.map(|rays| self.as_pressure(rays, (&intensity, &factors), &from.origin, pair, length)),
+                );
                 paths.push(EarlyPath {
                     label: self.label(geometry, source, s, probe, p),
                     reflections: from.planes.len() + to.planes.len(),
@@ -150,7 +158,7 @@ impl Gap {
     fn as_pressure<'a>(
         &self,
         rays: OpeningRays,
-        intensity: &[f64],
+        (intensity, factors): (&[f64], &[f64]),
         origin: &Origin,
         pair: &Pair<'_>,
         length_m: f64,
@@ -158,7 +166,10 @@ impl Gap {
         let scale = |(spectrum, intensity): (&Spectrum, &f64)| {
             (intensity / utd_mean(&rays, spectrum).value.max(f64::MIN_POSITIVE)).sqrt()
         };
-        let amplitudes: Vec<f64> = pair.spectra.iter().zip(intensity).map(scale).collect();
+        let amplitudes: Vec<f64> = match pair.scene.simulation.transport {
+            Transport::Utd => factors.iter().map(|factor| factor.sqrt()).collect(),
+            _ => pair.spectra.iter().zip(intensity).map(scale).collect(),
+        };
         // Rays count a plane wave's phase from the origin of the opening's frame; those of a line source lack that of H0.
         let ahead_m = if let Origin::Along(direction) = origin { self.frame.origin_m.dot(*direction) } else { 0.0 };
         let turn = if let SourceKind::Line(_) = pair.kind { -FRAC_PI_4 } else { 0.0 };
@@ -231,79 +242,14 @@ impl Gap {
         loss.map(|loss| (f64::from(seen) / f64::from(tried), loss))
     }
 
-    fn rectangle_paths(
+    pub(super) fn label(
         &self,
-        pair: &Pair<'_>,
-        (x_m, y_m, depth_m): ([f64; 2], [f64; 2], f64),
-        bands: &[OnceLock<Rectangle>],
-    ) -> Vec<EarlyPath> {
-        let &Pair { scene, geometry, spectra, source, probe, order, .. } = pair;
-        let places: [DVec3; 25] = std::array::from_fn(|i| {
-            let along = |limits: [f64; 2], share: f64| limits[0] + share * (limits[1] - limits[0]);
-            DVec3::new(along(x_m, SIGHT_PLACES[i % 5]), along(y_m, SIGHT_PLACES[i / 5]), 0.0)
-        });
-        let sources = self.sights(scene, geometry, source, &places);
-        let probes = self.sights(scene, geometry, probe, &places);
-        let mut paths = Vec::new();
-        for from in &sources {
-            for to in &probes {
-                let reflections = source.images[from.image].planes.len() + probe.images[to.image].planes.len();
-                if reflections > order || from.position.z * to.position.z >= 0.0 {
-                    continue;
-                }
-                let Some(over) = shortest_over(from.position, to.position, x_m, y_m) else { continue };
-                let (r1, r2) = ((over - from.position).length(), (to.position - over).length());
-                let seen: [bool; 25] = std::array::from_fn(|i| from.seen[i] && to.seen[i]);
-                if !seen.contains(&true) {
-                    continue;
-                }
-                let mut intensity = Vec::with_capacity(spectra.len());
-                for (band, spectrum) in spectra.iter().enumerate() {
-                    let sides = match scene.simulation.transport {
-                        Transport::Paraxial => Sides::Paraxial,
-                        _ => Sides::of(x_m[1] - x_m[0], y_m[1] - y_m[0], spectrum),
-                    };
-                    // Rays within the first Fresnel zone of the shortest way count most.
-                    let zone = spectrum.mean_wavelength_m() * r1 * r2 / (r1 + r2);
-                    let cell = ((x_m[1] - x_m[0]) * (y_m[1] - y_m[0])) / 16.0;
-                    let share = seen_share(&seen, &places, over, zone.max(cell));
-                    let value = if share > 0.0 {
-                        let rectangle = bands[band].get_or_init(|| Rectangle::new(x_m, y_m, depth_m, spectrum, sides));
-                        rectangle.intensity(from.position, to.position)
-                    } else {
-                        0.0
-                    };
-                    let air = (-scene.air.attenuation_per_m[band] * (r1 + r2)).exp();
-                    intensity.push(value.max(0.0) * share * air * from.loss.factors[band] * to.loss.factors[band]);
-                }
-                // The frequency grid and the panels are converged to this; the model itself: docs/verification.md.
-                let error = intensity.iter().map(|i| 1e-4 * i).collect();
-                let label = self.label(geometry, source, from.image, probe, to.image);
-                let delay_s = (r1 + r2) / scene.air.speed_of_sound_m_s;
-                paths.push(EarlyPath { label, reflections, delay_s, intensity, error });
-            }
-        }
-        paths
-    }
-
-    /// Images that see at least one of the places.
-    fn sights(&self, scene: &Scene, geometry: &Geometry, tree: &ImageTree, places: &[DVec3; 25]) -> Vec<Sight> {
-        // Centre and the middles of the quarters first: most images see nothing at all.
-        const FIRST: [usize; 5] = [12, 6, 8, 16, 18];
-        let see = |image: usize, place: usize| {
-            tree.arrive(scene, geometry, image, self.frame.point(places[place].x, places[place].y), self.skip)
-        };
-        let mut sights = Vec::new();
-        for image in 0..tree.images.len() {
-            let Origin::At(position) = tree.images[image].origin else { continue };
-            let Some(loss) = FIRST.iter().find_map(|&place| see(image, place)) else { continue };
-            let seen = std::array::from_fn(|place| see(image, place).is_some());
-            sights.push(Sight { image, position: self.frame.local(position), loss, seen });
-        }
-        sights
-    }
-
-    fn label(&self, geometry: &Geometry, source: &ImageTree, s: usize, probe: &ImageTree, p: usize) -> String {
+        geometry: &Geometry,
+        source: &ImageTree,
+        s: usize,
+        probe: &ImageTree,
+        p: usize,
+    ) -> String {
         let name = |plane: &usize| super::plane_name(geometry, *plane);
         let before = source.images[s].planes.iter().map(name);
         let after = probe.images[p].planes.iter().rev().map(name);
@@ -312,12 +258,11 @@ impl Gap {
     }
 }
 
-/// Band mean of the intensity by the coherent second opinion, at as many frequencies as it takes for all paths.
+/// Band mean of the intensity by the coherent second opinion.
 fn utd_mean(rays: &OpeningRays, spectrum: &Spectrum) -> RaySum {
-    let count = if spectrum.high_hz > spectrum.low_hz { super::wave::MANY } else { 1 };
-    let mean = |(k, weight): (f64, f64)| weight * rays.pressure(k).norm_sqr();
-    let value = gauss_nodes(spectrum.low_k(), spectrum.high_k(), count).map(mean).sum();
-    RaySum { value, error: 0.0, absolute: value, rays: count }
+    let nodes = utd::band_nodes(spectrum, rays.detour_m());
+    let value = nodes.iter().map(|(k, weight)| weight * rays.pressure(*k).norm_sqr()).sum();
+    RaySum { value, error: 0.0, absolute: value, rays: nodes.len() }
 }
 
 /// Length in m of the shortest way through the mask, spherical for point sources.
@@ -329,18 +274,4 @@ fn shortest(crossing: &Crossing, mask: &Mask) -> f64 {
         _ => crossing.length_m(x),
     };
     over.map(length).fold(f64::INFINITY, f64::min)
-}
-
-/// Share of the places that are seen, weighted by a Gaussian of area `zone_m2` about `over`.
-fn seen_share(seen: &[bool; 25], places: &[DVec3; 25], over: DVec3, zone_m2: f64) -> f64 {
-    if seen.iter().all(|s| *s) {
-        return 1.0;
-    }
-    let (mut sum, mut total) = (0.0, 0.0);
-    for (place, seen) in places.iter().zip(seen) {
-        let weight = (-(*place - over).length_squared() / zone_m2).exp().max(1e-12);
-        total += weight;
-        sum += if *seen { weight } else { 0.0 };
-    }
-    sum / total
 }

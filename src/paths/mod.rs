@@ -5,6 +5,7 @@ mod edge;
 mod gap;
 mod images;
 mod reach;
+mod rectangle;
 mod wave;
 
 use glam::DVec3;
@@ -132,6 +133,7 @@ fn specular<'a>(pair: &Pair<'a>, receiver: DVec3) -> (Vec<Specular>, Vec<Wave<'a
         let names: Vec<String> = loss.surfaces.iter().map(|s| geometry.surfaces[*s].name.clone()).collect();
         paths.push(Specular {
             planes: image.planes.clone(),
+            bent: false,
             path: EarlyPath {
                 label: if names.is_empty() { "direct".into() } else { names.join(", ") },
                 reflections: image.planes.len(),
@@ -160,6 +162,8 @@ fn specular<'a>(pair: &Pair<'a>, receiver: DVec3) -> (Vec<Specular>, Vec<Wave<'a
 /// A path with the planes it was reflected by.
 struct Specular {
     planes: Vec<usize>,
+    /// Whether it also leads over an edge.
+    bent: bool,
     path: EarlyPath,
 }
 

@@ -374,6 +374,9 @@ pub enum Transport {
     Exact,
 }
 
+/// Relative accuracy asked of the sums over signed rays: 0.01 dB, a tenth of what the model itself is off.
+pub const RAY_TOLERANCE: f64 = 2e-3;
+
 /// Options of a run.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Simulation {

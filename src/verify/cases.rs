@@ -50,6 +50,11 @@ impl Case {
         bands
     }
 
+    /// Whether sound meets a single edge.
+    fn about_edge(&self) -> bool {
+        self.name.contains("half-plane") || self.name.contains("wedge")
+    }
+
     /// The room file with this transport. The exact levels beside a rigid face are those of direct and reflected sound
     /// together, so paths add as pressures.
     pub fn room_text(&self, transport: &str) -> String {
@@ -60,7 +65,8 @@ impl Case {
         };
         let mut text = format!(
             "[air]\nspeed_of_sound_m_s = 343.0\nabsorption = false\n[bands]\n{bands}\n[simulation]\nmax_rays = 0\n\
-             interference = true\ntransport = \"{transport}\"\n{}",
+             interference = {}\ntransport = \"{transport}\"\n{}",
+            self.about_edge(),
             self.room
         );
         for (i, at) in self.probes_m.iter().enumerate() {

@@ -6,7 +6,7 @@ use super::cases::Case;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::plan::Plan;
-use crate::scene::{Scene, Transport};
+use crate::scene::{RAY_TOLERANCE, Scene, Transport};
 use crate::simulate;
 
 /// A run is repeated for at least this long, so that the clock and the first touch of memory do not count.
@@ -26,7 +26,7 @@ pub struct Method {
 impl Method {
     /// With the accuracy that rooms get.
     pub const fn new(transport: Transport, name: &'static str) -> Self {
-        Self { transport, name, tolerance: 1e-4 }
+        Self { transport, name, tolerance: RAY_TOLERANCE }
     }
 
     /// Name and, for signed rays, tolerance.

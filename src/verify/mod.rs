@@ -17,7 +17,7 @@ use std::time::Instant;
 
 use crate::error::{Error, Result};
 use crate::report::Folder;
-use crate::scene::Transport;
+use crate::scene::{RAY_TOLERANCE, Transport};
 
 pub use cases::{Case, Reference};
 pub use measure::{Measured, Method};
@@ -26,7 +26,7 @@ pub use summary::{Bar, Quantiles, Ratio};
 /// How much is run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
-    /// Every case, four ray budgets.
+    /// Every case, three ray budgets.
     Full,
     /// One case of a kind, two ray budgets.
     Fast,
@@ -36,8 +36,8 @@ impl Extent {
     /// Ray budgets: relative accuracy of the sums over signed rays, the last one is what rooms get.
     fn tolerances(self) -> &'static [f64] {
         match self {
-            Extent::Full => &[1e-1, 1e-2, 1e-3, 1e-4],
-            Extent::Fast => &[1e-2, 1e-4],
+            Extent::Full => &[2e-1, 2e-2, RAY_TOLERANCE],
+            Extent::Fast => &[2e-2, RAY_TOLERANCE],
         }
     }
 

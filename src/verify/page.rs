@@ -255,7 +255,7 @@ fn notes(out: &mut String, verified: &Verified) {
          intensity over 64 equally spaced frequencies in the exact solution."
             .to_owned(),
         "Half-planes and wedges are walls with free edges; their line and point fields are closed solutions of the program (a \
-         contour integral) and know no ray budget. “Open half-plane” is the same edge as a mask of signed rays."
+         contour integral) and know no ray budget. “Open half-plane” is the same edge, left by an opening in an unbounded wall."
             .to_owned(),
         "Beside a rigid face the exact level is that of direct, reflected and diffracted sound together; these rooms have \
          <code>interference = true</code>."

@@ -117,6 +117,13 @@ pub struct Chain {
     pub to: DVec2,
 }
 
+/// By how much in m the way from one end over an edge to the other is longer than the straight one.
+fn past_m([end, other]: [AboutEdge; 2]) -> f64 {
+    let span = (end.phi - other.phi).abs();
+    let straight = (end.r_m - other.r_m).powi(2) + 4.0 * end.r_m * other.r_m * (0.5 * span).sin().powi(2);
+    if end.r_m.is_infinite() { other.r_m * (1.0 + span.cos()) } else { end.r_m + other.r_m - straight.sqrt() }
+}
+
 impl Chain {
     fn source_about(&self, corner: &Corner) -> AboutEdge {
         match self.from {
@@ -149,17 +156,17 @@ impl Chain {
 
     /// By how much in m the way over both edges is longer than that past the one in sight; 0 in the shadow of both.
     pub fn detour_m(&self) -> f64 {
-        let past = |[end, edge]: [AboutEdge; 2]| {
-            let span = (end.phi - edge.phi).abs();
-            let straight = (end.r_m - edge.r_m).powi(2) + 4.0 * end.r_m * edge.r_m * (0.5 * span).sin().powi(2);
-            if end.r_m.is_infinite() { edge.r_m * (1.0 + span.cos()) } else { end.r_m + edge.r_m - straight.sqrt() }
-        };
         let [first, [edge, receiver]] = self.about();
         match self.passage() {
-            Passage::FirstLit => past(first),
-            Passage::SecondLit => past([receiver, edge]),
+            Passage::FirstLit => past_m(first),
+            Passage::SecondLit => past_m([receiver, edge]),
             _ => 0.0,
         }
+    }
+
+    /// Where only one edge may shade: by how much in m the way over it is longer than the straight one.
+    pub fn beyond_m(&self) -> f64 {
+        self.single().map_or(0.0, |(ends, _)| past_m(ends))
     }
 
     /// Upper bound of |p/p_free|^2 over the whole way at wave number `k` across the edges, in the shadow of both: each edge by
@@ -167,10 +174,8 @@ impl Chain {
     pub fn bound(&self, k: f64) -> f64 {
         let [[source, between], [back, receiver]] = self.about();
         [[source, between], [back, receiver]]
-            .map(|[a, b]| {
-                let span = (a.phi - b.phi).abs();
-                let chord = ((a.r_m - b.r_m).powi(2) + 4.0 * a.r_m * b.r_m * (0.5 * span).sin().powi(2)).sqrt();
-                let over = if a.r_m.is_finite() { a.r_m + b.r_m - chord } else { b.r_m * (1.0 + span.cos()) };
+            .map(|ends| {
+                let over = past_m(ends);
                 let fresnel = k * over.max(0.0) / PI;
                 (4.0 / (PI * PI * fresnel.max(1e-9))).min(16.0)
             })

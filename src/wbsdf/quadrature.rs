@@ -146,18 +146,8 @@ impl Panel<'_> {
     }
 }
 
-/// The 15 nodes and weights of one panel on [a, b], for sums whose integrand is not yet known.
-pub(super) fn panel_nodes(a: f64, b: f64) -> [(f64, f64); 15] {
-    let (centre, half) = (0.5 * (a + b), 0.5 * (b - a));
-    std::array::from_fn(|i| {
-        let j = if i < 8 { i } else { 14 - i };
-        let side = if i < 8 { -1.0 } else { 1.0 };
-        (centre + side * half * NODES[j], half * KRONROD[j])
-    })
-}
-
 /// Radians of phase that one panel may hold: 15 nodes resolve them to better than 1e-6 of the panel.
-pub(super) const PHASE_PER_PANEL: f64 = 12.0;
+const PHASE_PER_PANEL: f64 = 12.0;
 /// Deepest bisection of a panel.
 const MAX_DEPTH: u32 = 18;
 

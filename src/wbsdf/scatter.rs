@@ -12,7 +12,7 @@ use num_complex::Complex64;
 
 use super::aperture::Aperture;
 use super::crossing::{Incident, Spectrum};
-use super::rectangle::{Sides, small_hole_transmission, tube_transmission};
+use super::rectangle::{Sides, small_hole_transmission};
 use super::slit::{gauss_nodes, resonant};
 use super::thick::{ThickAperture, is_thick};
 use super::weight::edge_distance;
@@ -75,10 +75,8 @@ impl PortalScatter {
             .map(|spectrum| {
                 let sides = Sides::of(x_m[1] - x_m[0], y_m[1] - y_m[0], spectrum);
                 let model = if sides == Sides::SmallHole && transport == Transport::Wbsdf {
-                    let k = 0.5 * (spectrum.low_k() + spectrum.high_k());
                     let (width, height) = (x_m[1] - x_m[0], y_m[1] - y_m[0]);
-                    let tube = tube_transmission(width, height, thickness_m, spectrum);
-                    Model::SmallHole { transmission: tube * small_hole_transmission(width, height, k) }
+                    Model::SmallHole { transmission: small_hole_transmission(width, height, thickness_m, spectrum) }
                 } else {
                     // The smaller side alone: with two narrow ones the product of two slits takes in too much.
                     let k = 0.5 * (spectrum.low_k() + spectrum.high_k());

@@ -90,7 +90,7 @@ fn nodes(opening: [f64; 2], half: usize) -> Vec<Node> {
 }
 
 /// Impedances of the gap's mode with transverse wave number `mu`, even and odd, in m.
-fn impedances(k: f64, mu: f64, thickness_m: f64) -> [f64; 2] {
+pub(super) fn impedances(k: f64, mu: f64, thickness_m: f64) -> [f64; 2] {
     let square = k * k - mu * mu;
     let gamma = square.abs().sqrt().max(1e-9 * k);
     let half = 0.5 * gamma * thickness_m;

@@ -30,9 +30,14 @@ impl Row {
     }
 }
 
-/// All rows of `src/verify/reference/<name>.csv`.
+/// All rows of `<name>.csv`, of the tables that `diffray verify` runs (src/verify/reference) or those of the tests alone
+/// (tests/reference).
 pub fn table(name: &str) -> Vec<Row> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/verify/reference").join(format!("{name}.csv"));
+    let path = ["src/verify/reference", "tests/reference"]
+        .map(|folder| Path::new(env!("CARGO_MANIFEST_DIR")).join(folder).join(format!("{name}.csv")))
+        .into_iter()
+        .find(|path| path.exists())
+        .expect("table is there");
     let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_path(&path).expect("table is there");
     let columns = reader.headers().expect("table has a header").clone();
     let row = |r: csv::StringRecord| Row(columns.iter().map(String::from).zip(r.iter().map(String::from)).collect());

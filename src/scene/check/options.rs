@@ -10,7 +10,7 @@ use crate::scene::bands::{band, bands_between};
 use crate::scene::locate::Locator;
 use crate::scene::overrides::range_values;
 use crate::scene::room_file::{AirTable, BandsTable, OutputTable, SimulationTable, SweepTable, Whole};
-use crate::scene::{Air, Band, Edges, Output, Simulation, Spacing, Sweep, Transport};
+use crate::scene::{Air, Band, Edges, Output, RAY_TOLERANCE, Simulation, Spacing, Sweep, Transport};
 
 /// Most bands of a scene.
 const MOST_BANDS: usize = 64;
@@ -133,9 +133,6 @@ fn whole(value: Option<&Spanned<Whole>>, default: u64, name: &str, range: [u64; 
     }
     Err(at.error(value.span(), format!("{name} is {number}, must lie in {low}..={high}"), ""))
 }
-
-/// Relative accuracy of the sums over signed rays: 0.0004 dB, far below what the model itself is off.
-const RAY_TOLERANCE: f64 = 2e-3;
 
 /// Options of a run.
 pub(super) fn simulation(table: &SimulationTable, at: &Locator<'_>) -> Result<Simulation> {

@@ -1,0 +1,266 @@
+//! Openings of many wavelengths: the direct sound and what each of their edges sends, as pressures.
+//!
+//! Each edge is that of a rigid half-plane, exact up to its ends (Biot and Tolstoy's integral between limits, wedge.rs),
+//! whatever the angle between ray and edge; so are strips with one end and openings side by side. What is diffracted by two jambs in
+//! turn is left out, and put back where a side is narrow: times the transfer of the slit of that width by the exact aperture, over the sum of
+//! its two edges alone, both between source and receiver at the distances that the shortest way has when it is unfolded. The
+//! corners themselves stay out.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+use num_complex::Complex64;
+
+use super::aperture::Aperture;
+use super::crossing::{Crossing, Incident, Spectrum};
+use super::edge::AboutEdge;
+use super::mask::Mask;
+use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
+use super::thick::{ThickAperture, is_thick};
+use super::wedge::{Wave, WedgeField};
+
+/// k times width from which the exact aperture across a side loses its weight, and at which it has none.
+pub(super) const NARROW_SIDE_KA: [f64; 2] = [8.0, 12.0];
+/// The same for the depth of the gap along the narrower side.
+const DEEP_KA: [f64; 2] = [6.0, 12.0];
+/// Distance in m from the boundary of the shadow within which half of the direct sound is seen.
+const ON_BOUNDARY_M: f64 = 1e-9;
+
+/// Openings `x` by `y` (any of the limits infinite) in one band.
+pub(super) struct Rim {
+    x: Mask,
+    y: Mask,
+    spectrum: Spectrum,
+    /// Wave numbers and weights where a side is narrow.
+    nodes: Vec<(f64, f64)>,
+    across_x: Option<NarrowSide>,
+    across_y: Option<NarrowSide>,
+}
+
+/// A narrow side, solved at the nodes.
+struct NarrowSide {
+    /// Its weight: the rest is left to single diffraction.
+    share: f64,
+    solved: Vec<ExactSide>,
+}
+
+/// A narrow side at one wave number: the share of the gap with its depth, and without.
+struct ExactSide {
+    deep: Option<(f64, ThickAperture)>,
+    thin: Aperture,
+}
+
+impl ExactSide {
+    fn new(mask: &Mask, thickness_m: f64, k: f64) -> Self {
+        let width = narrowest_m(mask);
+        let share = if is_thick(width, thickness_m) { fade(k * width, DEEP_KA) } else { 0.0 };
+        let deep = (share > 0.0).then(|| (share, ThickAperture::new(mask.openings(), thickness_m, k)));
+        Self { deep, thin: Aperture::new(mask.openings(), k) }
+    }
+
+    fn transfer(&self, crossing: &Crossing) -> f64 {
+        match &self.deep {
+            Some((share, deep)) if *share == 1.0 => deep.transfer(crossing).norm_sqr(),
+            Some((share, deep)) => {
+                let [deep, thin] = [deep.transfer(crossing), self.thin.transfer(crossing)].map(|t| t.norm_sqr());
+                share * deep + (1.0 - share) * thin
+            }
+            None => self.thin.transfer(crossing).norm_sqr(),
+        }
+    }
+}
+
+/// Width in m of the narrowest opening.
+fn narrowest_m(mask: &Mask) -> f64 {
+    mask.openings().iter().map(|o| o[1] - o[0]).fold(f64::INFINITY, f64::min)
+}
+
+/// Lowest and highest limit in m.
+pub fn span(mask: &Mask) -> [f64; 2] {
+    let limits = |first: usize| mask.openings().iter().map(move |o| o[first]);
+    [limits(0).fold(f64::INFINITY, f64::min), limits(1).fold(f64::NEG_INFINITY, f64::max)]
+}
+
+/// The only opening of a mask, if it has two edges.
+pub(super) fn only(mask: &Mask) -> Option<[f64; 2]> {
+    match mask.openings() {
+        [limits] if limits.iter().all(|x| x.is_finite()) => Some(*limits),
+        _ => None,
+    }
+}
+
+/// One edge: its field, and the length in m of the way over it that phases count from.
+struct Edge {
+    field: WedgeField,
+    over_m: f64,
+}
+
+impl Edge {
+    /// The edge at `edge_m` along x with its screen towards `side` of it, from `ends_m[0]` to `ends_m[1]` along y; without ends
+    /// the source is a line along it.
+    fn new(edge_m: f64, side: f64, ends_m: Option<[f64; 2]>, ends: [DVec3; 2], spectrum: &Spectrum) -> Self {
+        let [source, receiver] = ends;
+        let about = |p: DVec3| ((p.x - edge_m) * side, p.z.abs());
+        let ((x_s, z_s), (x_r, z_r)) = (about(source), about(receiver));
+        let from = AboutEdge { r_m: x_s.hypot(z_s), phi: z_s.atan2(x_s) };
+        let to = AboutEdge { r_m: x_r.hypot(z_r), phi: TAU - z_r.atan2(x_r) };
+        match ends_m {
+            Some(ends_m) => {
+                let dy = receiver.y - source.y;
+                let between = ends_m.map(|y| y - source.y);
+                let field = WedgeField::between(TAU, from, to, Wave::Point(dy), between, spectrum);
+                Self { field, over_m: (from.r_m + to.r_m).hypot(dy) }
+            }
+            None => Self { field: WedgeField::new(TAU, from, to, Wave::Line, spectrum), over_m: from.r_m + to.r_m },
+        }
+    }
+
+    /// What it sends at wave number `k`, with its phase.
+    fn sent(&self, k: f64) -> Complex64 {
+        let parts = self.field.diffracted(k, |_| 1.0);
+        (parts.incident + parts.faces[0] + parts.faces[1]) * Complex64::from_polar(1.0, k * self.over_m)
+    }
+}
+
+/// Share of the direct sound that passes a mask at `at_m`: half on an edge, whose own part vanishes there.
+fn passes(at_m: f64, mask: &Mask) -> f64 {
+    let through = |o: &[f64; 2]| match (at_m - o[0]).min(o[1] - at_m) {
+        inside if inside.abs() < ON_BOUNDARY_M => 0.5,
+        inside if inside > 0.0 => 1.0,
+        _ => 0.0,
+    };
+    mask.openings().iter().map(through).sum()
+}
+
+/// The finite edges of a mask with the direction (sign) in which the screen lies.
+fn edges(mask: &Mask) -> impl Iterator<Item = (f64, f64)> {
+    mask.openings().iter().flat_map(|o| [(o[0], -1.0), (o[1], 1.0)]).filter(|(x, _)| x.is_finite())
+}
+
+impl Rim {
+    /// For a wall of `thickness_m`, which counts across the narrower side only, where it makes a resonating gap.
+    pub(super) fn new(x: &Mask, y: &Mask, thickness_m: f64, spectrum: &Spectrum) -> Self {
+        let (low, high) = (spectrum.low_k(), spectrum.high_k());
+        let share = |mask: &Mask| match span(mask).iter().all(|limit| limit.is_finite()) {
+            true => fade(0.5 * (low + high) * narrowest_m(mask), NARROW_SIDE_KA),
+            false => 0.0,
+        };
+        let (narrower, depth) =
+            if narrowest_m(x) <= narrowest_m(y) { (x, [thickness_m, 0.0]) } else { (y, [0.0, thickness_m]) };
+        let shares = [x, y].map(share);
+        let mut nodes = Vec::new();
+        if shares.iter().any(|s| *s > 0.0) {
+            let extent = |mask: &Mask, share: f64| if share > 0.0 { span(mask)[1] - span(mask)[0] } else { 0.0 };
+            let diagonal = extent(x, shares[0]).hypot(extent(y, shares[1]));
+            // A side that is solved exactly is the narrower one, or both are.
+            let smooth =
+                0.7 * (high - low) * (diagonal + thickness_m) + resonant(narrower.openings(), thickness_m, low, high);
+            let count = if high > low { 4 + (smooth.ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
+            nodes = gauss_nodes(low, high, count).collect();
+        }
+        let side = |mask: &Mask, share: f64, depth: f64| {
+            (share > 0.0).then(|| {
+                let solved = nodes.iter().map(|(k, _)| ExactSide::new(mask, depth, *k)).collect();
+                NarrowSide { share, solved }
+            })
+        };
+        let (across_x, across_y) = (side(x, shares[0], depth[0]), side(y, shares[1], depth[1]));
+        Self { x: x.clone(), y: y.clone(), spectrum: *spectrum, nodes, across_x, across_y }
+    }
+
+    /// Intensity at `receiver` of a point source at `source`, on opposite sides of z = 0, relative to the free field at 1 m.
+    pub(super) fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let single = self.single(source, receiver);
+        if self.nodes.is_empty() {
+            return single;
+        }
+        let (source, receiver) = facing(source, receiver);
+        let Some(over) = shortest_over(source, receiver, &self.x, &self.y) else { return 0.0 };
+        let (into, out) = (over - source, receiver - over);
+        // Along each side the way is unfolded about the shortest one: the other direction only makes it longer.
+        let crossing = |s: f64, r: f64, z_in: f64, z_out: f64| Crossing {
+            incident: Incident::Line { x_m: s, z_m: z_in },
+            x_m: r,
+            z_m: z_out,
+        };
+        let x = crossing(source.x, receiver.x, into.z.hypot(into.y), out.z.hypot(out.y));
+        let y = crossing(source.y, receiver.y, into.z.hypot(into.x), out.z.hypot(out.x));
+        single * self.repeated(&self.x, self.across_x.as_ref(), &x) * self.repeated(&self.y, self.across_y.as_ref(), &y)
+    }
+
+    /// Direct sound and single diffraction, band mean.
+    fn single(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let turned = |p: DVec3| DVec3::new(p.y, p.x, p.z);
+        let (ends, turned) = ([source, receiver], [turned(source), turned(receiver)]);
+        let mut all = Vec::new();
+        for o in self.y.openings() {
+            all.extend(edges(&self.x).map(|(x, side)| Edge::new(x, side, Some(*o), ends, &self.spectrum)));
+        }
+        for o in self.x.openings() {
+            all.extend(edges(&self.y).map(|(y, side)| Edge::new(y, side, Some(*o), turned, &self.spectrum)));
+        }
+        let straight_m = (receiver - source).length();
+        let at = source + (receiver - source) * (source.z / (source.z - receiver.z));
+        let direct = passes(at.x, &self.x) * passes(at.y, &self.y) / straight_m;
+        let (low, high) = (self.spectrum.low_k(), self.spectrum.high_k());
+        let ways = || all.iter().flat_map(|e| e.field.ways_m());
+        let (first, last) = ways().fold((straight_m, 0.0), |(a, b): (f64, f64), way| (a.min(way), b.max(way)));
+        let nearest = if direct > 0.0 { first } else { ways().fold(f64::INFINITY, f64::min) };
+        let phase = (high - low) * (last - nearest).max(0.0);
+        let count = if high > low { 5 + ((0.7 * phase).ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
+        let power = |k: f64| {
+            let sent: Complex64 = all.iter().map(|edge| edge.sent(k)).sum();
+            (Complex64::from_polar(direct, k * straight_m) + sent).norm_sqr()
+        };
+        gauss_nodes(low, high, count).map(|(k, weight)| weight * power(k)).sum()
+    }
+
+    /// What repeated diffraction between the jambs of one side changes: the exact transfer over that of its edges alone.
+    fn repeated(&self, mask: &Mask, narrow: Option<&NarrowSide>, crossing: &Crossing) -> f64 {
+        let (Some(narrow), Incident::Line { x_m, z_m }) = (narrow, crossing.incident) else { return 1.0 };
+        let ends = [DVec3::new(x_m, 0.0, -z_m), DVec3::new(crossing.x_m, 0.0, crossing.z_m)];
+        let straight_m = (ends[1] - ends[0]).length();
+        let direct = passes(crossing.straight_x_m(), mask);
+        let edges: Vec<Edge> = edges(mask).map(|(x, side)| Edge::new(x, side, None, ends, &self.spectrum)).collect();
+        let Some(first) = edges.first() else { return 1.0 };
+        let (mut exact, mut single) = (0.0, 0.0);
+        for ((k, weight), side) in self.nodes.iter().zip(&narrow.solved) {
+            let free = first.field.undisturbed(straight_m, *k) * Complex64::from_polar(1.0, k * first.over_m);
+            let sent: Complex64 = edges.iter().map(|edge| edge.sent(*k)).sum();
+            single += weight * (direct * free + sent).norm_sqr() / free.norm_sqr();
+            exact += weight * side.transfer(crossing);
+        }
+        if single > 0.0 { narrow.share * exact / single + 1.0 - narrow.share } else { 1.0 }
+    }
+}
+
+/// Point of the openings on the shortest way from `a` to `b` (opposite sides of z = 0): the straight line's crossing,
+/// moved to the nearest opening, then the shortest along each side in turn.
+pub fn shortest_over(a: DVec3, b: DVec3, x: &Mask, y: &Mask) -> Option<DVec3> {
+    let t = a.z / (a.z - b.z);
+    if !(0.0..=1.0).contains(&t) {
+        return None;
+    }
+    let nearest = |at: f64, mask: &Mask| {
+        let places = mask.openings().iter().map(|o| at.clamp(o[0], o[1]));
+        places.min_by(|p, q| (p - at).abs().total_cmp(&(q - at).abs()))
+    };
+    let straight = a + (b - a) * t;
+    let mut over = DVec3::new(nearest(straight.x, x)?, nearest(straight.y, y)?, 0.0);
+    for _ in 0..3 {
+        // With the other coordinate fixed the shortest way divides like the distances across it.
+        let divide =
+            |a: f64, b: f64, into: f64, out: f64, mask: &Mask| nearest(a + (b - a) * into / (into + out), mask);
+        let across =
+            |p: DVec3, over: DVec3, along_x: bool| (if along_x { p.y - over.y } else { p.x - over.x }).hypot(p.z);
+        over.x = divide(a.x, b.x, across(a, over, true), across(b, over, true), x)?;
+        over.y = divide(a.y, b.y, across(a, over, false), across(b, over, false), y)?;
+    }
+    Some(over)
+}
+
+/// Puts the source before the plane (z < 0) and the receiver behind it.
+pub(super) fn facing(source: DVec3, receiver: DVec3) -> (DVec3, DVec3) {
+    let turn = |p: DVec3| DVec3::new(p.x, p.y, -p.z);
+    if source.z > receiver.z { (turn(source), turn(receiver)) } else { (source, receiver) }
+}
