@@ -283,3 +283,24 @@ pub fn transmission(width_m: f64, height_m: f64, thickness_m: f64, nodes: &[(f64
     };
     nodes.iter().map(|(k, weight)| weight * at(*k)).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_square_hole_conducts_like_the_capacity_of_a_square_plate() {
+        // A plate of side a has the capacity 0.366789 a (Read 1997), the hole the flow 2 pi times that: T = 2 pi 0.366789^2.
+        let got = transmission(0.1, 0.1, 0.0, &[(0.01, 1.0)]);
+        assert!((got / 0.845_306 - 1.0).abs() < 1e-4, "{got}");
+    }
+
+    #[test]
+    fn a_wide_hole_passes_the_power_that_meets_it_through_any_depth() {
+        // k times side 15: Bouwkamp's circle passes 0.998 at k times radius 10, the depth turns waves back by a few per cent.
+        for depth in [0.0, 0.1] {
+            let got = transmission(1.0, 1.0, depth, &[(15.0, 1.0)]);
+            assert!((got - 1.0).abs() < 0.05, "{depth}: {got}");
+        }
+    }
+}
