@@ -218,7 +218,7 @@ impl Over<'_> {
         if scene.adds_pressures() {
             waves.extend(self.wave(origin, apexes[0], &factors));
         }
-        if let Some(changed) = changed {
+        if let Some(changed) = changed.filter(|_| scene.simulation.transport != Transport::Utd) {
             for (band, spectrum) in spectra.iter().enumerate() {
                 // Short waves do not feel an edge in sight that long ones do.
                 let fade = |detour_m: f64| {
@@ -235,6 +235,9 @@ impl Over<'_> {
                 }
             }
             return Some(());
+        }
+        if passage != Passage::Shadow {
+            return None;
         }
         let mut intensity = Vec::with_capacity(spectra.len());
         let mut length_m = 0.0;
@@ -270,12 +273,17 @@ impl Over<'_> {
         Some(())
     }
 
-    /// Intensity of the free field over the way across the edges.
+    /// Length in m of the shortest way over both edges.
+    fn over_m(&self) -> f64 {
+        let across_m: f64 = self.chain.legs_m().iter().sum();
+        if let From::Point(_, dz_m) = self.chain.from { across_m.hypot(dz_m) } else { across_m }
+    }
+
+    /// Intensity of the free field over that way.
     fn free(&self) -> f64 {
-        let length_m: f64 = self.chain.legs_m().iter().sum();
         match self.chain.from {
-            From::Line(_) => 1.0 / length_m,
-            From::Point(_, dz_m) => 1.0 / (length_m * length_m + dz_m * dz_m),
+            From::Line(_) => 1.0 / self.over_m(),
+            From::Point(..) => self.over_m().powi(-2),
             From::Plane(..) => 1.0,
         }
     }
@@ -285,12 +293,6 @@ impl Over<'_> {
         let &Pair { scene, spectra, kind, .. } = self.pair;
         let chain = self.chain;
         let [_, between, behind] = chain.legs_m();
-        let all = Spectrum {
-            low_hz: spectra.first()?.low_hz,
-            high_hz: spectra.last()?.high_hz,
-            speed_m_s: scene.air.speed_of_sound_m_s,
-        };
-        let field = ChainField::new(chain, &all)?;
         // A plane wave's field counts its phase from the first edge on, across the edges.
         let (length_m, ahead_m) = match origin {
             Origin::Along(direction) => {
@@ -298,7 +300,7 @@ impl Over<'_> {
                 let ahead = apex.dot(direction) + along_m * direction.dot(self.two.along);
                 (ahead + (between + behind) * (1.0 - direction.dot(self.two.along).powi(2)).sqrt(), ahead)
             }
-            Origin::At(_) => (field.length_m(), 0.0),
+            Origin::At(_) => (self.over_m(), 0.0),
         };
         let air = |m: f64| (-m * length_m).exp();
         let attenuation = &scene.air.attenuation_per_m;
@@ -316,17 +318,27 @@ impl Over<'_> {
                 }),
             });
         }
+        // The portal is as long as the longest waves of a band and as fine as its shortest.
+        let fields: Vec<ChainField> = spectra.iter().map(|s| ChainField::new(chain, s)).collect::<Option<_>>()?;
         Some(Wave {
             length_m,
             wander_m: chain.detour_m(),
             pressure: Box::new(move |band, k| {
+                let field = &fields[band];
                 let pressure = if shadow { field.pressure(k) } else { field.correction(k).unwrap_or_default() };
                 pressure * Complex64::from_polar(amplitudes[band], k * ahead_m)
             }),
         })
     }
 
+    /// Band mean of the intensity over both edges, and the length in m of the way.
     fn mean(&self, spectrum: &Spectrum) -> Option<(f64, f64)> {
+        if self.pair.scene.simulation.transport == Transport::Utd {
+            let (turns, legs_m, (wave, sin_beta)) = (self.chain.turns(), self.chain.legs_m(), self.chain.space_wave());
+            let power = |k: f64| utd::two_edges(turns, legs_m, self.chain.common_face, wave, k * sin_beta).norm_sqr();
+            let mean = utd::band_nodes(spectrum, 0.0).iter().map(|(k, weight)| weight * power(*k)).sum();
+            return Some((mean, self.over_m()));
+        }
         let field = ChainField::new(self.chain, spectrum)?;
         Some((field.mean(spectrum), field.length_m()))
     }

@@ -8,6 +8,7 @@
 //! boundary. Absorbing faces: the terms of a face carry its pressure reflection factor (Luebbers 1984).
 
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
+use std::sync::Arc;
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -104,10 +105,10 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
                 paths.push(Specular { planes, bent: true, path });
             }
             if pair.scene.adds_pressures() {
-                waves.extend(bends.into_iter().map(|bend| {
+                for bend in bends {
                     let found = bend.edge.planes.iter().any(|q| reflected.iter().any(|(plane, _)| plane == q));
-                    wave(bend, lit.is_some(), found)
-                }));
+                    send(bend, lit.is_some(), found, waves);
+                }
             }
         }
     }
@@ -305,7 +306,7 @@ impl Bend<'_> {
     /// ends, by their length.
     fn sent(&self, band: usize, k: f64, lit: bool, reflected: bool, share: impl Fn(f64) -> f64) -> Sent {
         let d = match &self.rays {
-            None => self.field.diffracted(k * self.sin_beta, share),
+            None => self.field.diffracted(k * self.sin_beta, &share),
             Some(rays) => {
                 let k = k * self.sin_beta;
                 // The rays of a line source lack the phase of H0.
@@ -318,7 +319,9 @@ impl Bend<'_> {
         let turn = self.turned(k * self.sin_beta) * amplitude;
         let mut sent =
             Sent { incident: d.incident * turn, faces: [0, 1].map(|f| d.faces[f] * turn * self.faces[f][band]) };
-        let [direct, reflection] = self.field.missing([lit, reflected]);
+        // With the way over the edge itself, or over its end where that is the shortest.
+        let first = self.field.ways_m().next().is_some_and(|way_m| share(way_m) > 0.0);
+        let [direct, reflection] = if first { self.field.missing([lit, reflected]) } else { [0.0; 2] };
         if direct != 0.0 {
             sent.incident += direct * amplitude * self.direct(k);
         }
@@ -353,17 +356,20 @@ impl Bend<'_> {
     }
 }
 
-/// All that an edge sends, as a pressure. `lit`, `reflected`: as in [`Bend::sent`].
-fn wave(bend: Bend<'_>, lit: bool, reflected: bool) -> Wave<'_> {
-    let (length_m, straight_m) = (bend.length_m, bend.straight_m);
-    let wander_m = bend.field.ways_m().map(|way| bend.way_m(way) - length_m).fold(0.0, f64::max);
-    Wave {
-        length_m,
-        wander_m,
-        pressure: Box::new(move |band, k| {
-            let sent = bend.sent(band, k, lit, reflected, |_| 1.0);
-            (sent.incident + sent.faces[0] + sent.faces[1]) * Complex64::from_polar(1.0, k * straight_m)
-        }),
+/// All that an edge sends, as pressures: over the edge and over either end. `lit`, `reflected`: as in [`Bend::sent`].
+fn send<'a>(bend: Bend<'a>, lit: bool, reflected: bool, waves: &mut Vec<Wave<'a>>) {
+    let bend = Arc::new(bend);
+    for across_m in bend.field.ways_m() {
+        let own = Arc::clone(&bend);
+        waves.push(Wave {
+            length_m: bend.way_m(across_m),
+            wander_m: 0.0,
+            pressure: Box::new(move |band, k| {
+                let share = |way_m: f64| if way_m == across_m { 1.0 } else { 0.0 };
+                let sent = own.sent(band, k, lit, reflected, share);
+                (sent.incident + sent.faces[0] + sent.faces[1]) * Complex64::from_polar(1.0, k * own.straight_m)
+            }),
+        });
     }
 }
 
