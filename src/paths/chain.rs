@@ -20,8 +20,8 @@ use crate::wbsdf::chain::{Chain, ChainField, Corner, From, Passage};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::utd;
 
-/// A chain weaker than this relative to the strongest path in the lowest band is left out (-60 dB): higher bands lose more.
-const FAINT: f64 = 1e-6;
+/// A chain weaker than this relative to the strongest path in the lowest band is left out (-50 dB): higher bands lose more.
+const FAINT: f64 = 1e-5;
 /// Angle in radians within which an edge lies on the other's face.
 const ON_FACE: f64 = 1e-6;
 /// Relative accuracy of the integral over the portal.

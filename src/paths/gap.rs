@@ -33,7 +33,7 @@ pub struct Gap {
 
 enum Shape {
     Slits { mask: Mask, depth_m: f64, apertures: Vec<OnceLock<BandApertures>> },
-    Rectangles(Rectangles),
+    Rectangles(Box<Rectangles>),
 }
 
 /// Places across an opening (shares of its width) where sight of source and probe is tested.
@@ -69,7 +69,7 @@ impl Gap {
                 let apertures = scene.bands.iter().map(|_| OnceLock::new()).collect();
                 Shape::Slits { mask: Mask::new(&[portal.x_m]), depth_m, apertures }
             } else {
-                Shape::Rectangles(Rectangles::new(scene, portal, depth_m))
+                Shape::Rectangles(Box::new(Rectangles::new(scene, portal, depth_m)))
             };
             gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip });
         }

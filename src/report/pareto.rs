@@ -52,7 +52,7 @@ pub(crate) fn chart(title: &str, y_name: &str, methods: &[Marks]) -> Result<Opti
     draw(title, |area| {
         let mut chart = ChartBuilder::on(area)
             .margin_top(14)
-            .margin_right(26)
+            .margin_right(40)
             .margin_bottom(4)
             .margin_left(4)
             .x_label_area_size(84)

@@ -161,7 +161,7 @@ fn pareto(out: &mut String, verified: &Verified) -> Result<()> {
     put!(
         out,
         "<p>Down and left is better. One mark a transport; signed rays have one for each ray budget, joined by a line, the last and \
-         named one with a tolerance of 10<sup>−4</sup>, which every room gets. Errors below {FLOOR_DB} dB are drawn there. What is \
+         named one with the tolerance of 0.002 that every room gets (all of them lie on one another where the first rays already meet it). Errors below {FLOOR_DB} dB are drawn there. What is \
          silent in a shadow is infinitely wrong and has no mark.</p>"
     );
     put!(out, "<div class=\"gallery\">");
