@@ -1,5 +1,6 @@
 //! The deterministic paths: direct sound, specular chains, and each of them through an opening or over an edge.
 
+mod bend;
 mod chain;
 mod edge;
 mod gap;
