@@ -50,7 +50,7 @@ fn octave_levels_behind_doors_of_many_wavelengths_are_within_a_twentieth_of_a_de
 
 #[test]
 fn tones_behind_rectangles_are_within_a_third_of_a_decibel() {
-    // The largest is 20 dB below its neighbours, where the waves of four edges nearly cancel.
+    // The largest of 60 is 0.22 dB, at 1 kHz; the next 0.09 dB at 2 kHz.
     errors("tone", |_| true).assert_within("tones", [0.01, 0.03, 0.3]);
 }
 

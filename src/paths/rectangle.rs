@@ -16,10 +16,10 @@ use super::wave::Wave;
 use crate::geometry::{Element, Geometry, Portal, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, Transport};
-use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
+use crate::wbsdf::crossing::{Crossing, Spectrum};
 use crate::wbsdf::mask::{Jambs, Mask};
 use crate::wbsdf::rectangle::Rectangle;
-use crate::wbsdf::rim::{shortest_over, span};
+use crate::wbsdf::rim::{shortest_over, span, unfolded};
 use crate::wbsdf::utd;
 use crate::wbsdf::utd_opening::OpeningRays;
 
@@ -174,7 +174,7 @@ impl Rectangles {
                     intensity.push(value * air * from.loss.factors[band] * to.loss.factors[band]);
                 }
                 if scene.simulation.transport == Transport::Utd {
-                    let rays = DoorRays::new(&self.x, &self.y, from.position, to.position);
+                    let Some(rays) = DoorRays::new(&self.x, &self.y, from.position, to.position) else { continue };
                     let air = |m: &f64| (-m * (r1 + r2)).exp();
                     let factors = from.loss.factors.iter().zip(&to.loss.factors).zip(&scene.air.attenuation_per_m);
                     let amplitudes: Vec<f64> = factors.map(|((a, b), m)| (a * b * air(m)).sqrt()).collect();
@@ -287,17 +287,13 @@ struct DoorRays {
 }
 
 impl DoorRays {
-    fn new(x: &Mask, y: &Mask, from: DVec3, to: DVec3) -> Self {
-        let over = shortest_over(from, to, x, y).unwrap_or(from);
-        let (into, out) = (over - from, to - over);
-        let side = |mask: &Mask, from: f64, to: f64, z_in: f64, z_out: f64| {
-            let incident = Incident::Line { x_m: from, z_m: z_in };
-            let crossing = Crossing { incident, x_m: to, z_m: z_out };
-            (OpeningRays::new(mask.openings(), &crossing), (to - from).hypot(z_in + z_out))
+    /// `None`: no straight way leads through the plane.
+    fn new(x: &Mask, y: &Mask, from: DVec3, to: DVec3) -> Option<Self> {
+        let [across_x, across_y] = unfolded(x, y, from, to)?;
+        let side = |mask: &Mask, crossing: &Crossing| {
+            (OpeningRays::new(mask.openings(), crossing), 1.0 / crossing.free_intensity())
         };
-        let across_x = side(x, from.x, to.x, into.z.hypot(into.y), out.z.hypot(out.y));
-        let across_y = side(y, from.y, to.y, into.z.hypot(into.x), out.z.hypot(out.x));
-        Self { sides: [across_x, across_y], straight_m: (to - from).length() }
+        Some(Self { sides: [side(x, &across_x), side(y, &across_y)], straight_m: (to - from).length() })
     }
 
     /// Pressure relative to the free field at 1 m, with phase.

@@ -1,15 +1,15 @@
 //! The published small-angle form for rectangular openings: the product of its two directions, frequency by frequency.
 //!
-//! In each direction the opening is a slit, or several in one plane, between source and receiver at the distances that the shortest way through
-//! the opening has when it is unfolded.
+//! In each direction the opening is a slit, or several in one plane, between source and receiver at the distances that the
+//! shortest way through the opening has when it is unfolded.
 
 use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::crossing::{Crossing, Incident, Spectrum};
+use super::crossing::{Crossing, Spectrum};
 use super::mask::Mask;
-use super::rim::{facing, shortest_over, span};
+use super::rim::{facing, span, unfolded};
 use super::slit::{self, MOST_FREQUENCIES, gauss_nodes};
 
 /// Gauss frequencies a band beyond those of the span of the edges.
@@ -21,15 +21,7 @@ const TOLERANCE: f64 = 1e-4;
 /// the free field at 1 m, band mean.
 pub(super) fn paraxial_intensity(x: &Mask, y: &Mask, source: DVec3, receiver: DVec3, spectrum: &Spectrum) -> f64 {
     let (source, receiver) = facing(source, receiver);
-    let Some(over) = shortest_over(source, receiver, x, y) else { return 0.0 };
-    let (into, out) = (over - source, receiver - over);
-    let crossing = |s: f64, r: f64, z_in: f64, z_out: f64| Crossing {
-        incident: Incident::Line { x_m: s, z_m: z_in },
-        x_m: r,
-        z_m: z_out,
-    };
-    let along_x = crossing(source.x, receiver.x, into.z.hypot(into.y), out.z.hypot(out.y));
-    let along_y = crossing(source.y, receiver.y, into.z.hypot(into.x), out.z.hypot(out.x));
+    let Some([along_x, along_y]) = unfolded(x, y, source, receiver) else { return 0.0 };
     let (low, high) = (spectrum.low_k(), spectrum.high_k());
     // Each side is a sum of sines in f whose delays differ by the detours over its edges at most.
     let detour = |mask: &Mask, crossing: &Crossing| {

@@ -89,6 +89,22 @@ pub(super) fn only(mask: &Mask) -> Option<[f64; 2]> {
     }
 }
 
+/// The two directions of openings `x` by `y` as slits, each between a line source and a receiver at the distances that the
+/// shortest way has when it is unfolded: the other direction only makes it longer.
+pub fn unfolded(x: &Mask, y: &Mask, source: DVec3, receiver: DVec3) -> Option<[Crossing; 2]> {
+    let over = shortest_over(source, receiver, x, y)?;
+    let (into, out) = (over - source, receiver - over);
+    let crossing = |s: f64, r: f64, z_in: f64, z_out: f64| Crossing {
+        incident: Incident::Line { x_m: s, z_m: z_in },
+        x_m: r,
+        z_m: z_out,
+    };
+    Some([
+        crossing(source.x, receiver.x, into.z.hypot(into.y), out.z.hypot(out.y)),
+        crossing(source.y, receiver.y, into.z.hypot(into.x), out.z.hypot(out.x)),
+    ])
+}
+
 /// One edge: its field, and the length in m of the way over it that phases count from.
 struct Edge {
     field: WedgeField,
@@ -175,16 +191,7 @@ impl Rim {
             return single;
         }
         let (source, receiver) = facing(source, receiver);
-        let Some(over) = shortest_over(source, receiver, &self.x, &self.y) else { return 0.0 };
-        let (into, out) = (over - source, receiver - over);
-        // Along each side the way is unfolded about the shortest one: the other direction only makes it longer.
-        let crossing = |s: f64, r: f64, z_in: f64, z_out: f64| Crossing {
-            incident: Incident::Line { x_m: s, z_m: z_in },
-            x_m: r,
-            z_m: z_out,
-        };
-        let x = crossing(source.x, receiver.x, into.z.hypot(into.y), out.z.hypot(out.y));
-        let y = crossing(source.y, receiver.y, into.z.hypot(into.x), out.z.hypot(out.x));
+        let Some([x, y]) = unfolded(&self.x, &self.y, source, receiver) else { return 0.0 };
         single * self.repeated(&self.x, self.across_x.as_ref(), &x) * self.repeated(&self.y, self.across_y.as_ref(), &y)
     }
 
