@@ -2,14 +2,8 @@
 //! ones that steepest descent needs. Sine and cosine without a call, for loops over many rays.
 
 use std::f64::consts::{FRAC_1_PI, FRAC_1_SQRT_2, FRAC_2_PI, FRAC_PI_4, PI};
-use std::num::NonZeroUsize;
-use std::sync::LazyLock;
 
-use gauss_quad::hermite::GaussHermite;
 use num_complex::Complex64;
-
-/// |z| from which the asymptotic series is used: its fifth term is 1e-6 there.
-const FAR: f64 = 12.0;
 
 /// Argument from which P and Q are used.
 const SPLIT: f64 = 8.0;
@@ -177,28 +171,36 @@ fn bessel0_near(x: f64) -> f64 {
     polynomial(&NEAR_J, x * x / 32.0 - 1.0)
 }
 
-/// Positive nodes of a Gauss-Hermite rule with their weights doubled.
-static HERMITE: LazyLock<Vec<(f64, f64)>> = LazyLock::new(|| {
-    let rule = GaussHermite::new(NonZeroUsize::new(40).unwrap_or(NonZeroUsize::MIN));
-    rule.iter().filter(|(x, _)| *x > 0.0).map(|&(x, w)| (x, 2.0 * w)).collect()
-});
+/// Poles p and residues d of H0^(1)(z) exp(-i z) = sqrt(2/(pi z)) exp(-i pi/4) [1 - sum d/(p - i z)]. The bracket is a Stieltjes
+/// function of i/z (Abramowitz and Stegun 9.1.24 turned to steepest descent), so poles on one half axis do for the whole
+/// quadrant: least squares on 910 points with 0.1 < |z| < 200 against Amos' algorithm.
+const POLES: [(f64, f64); 7] = [
+    (0.012433832780856453, 0.003340068007134073),
+    (0.05377343539348263, 0.009705923787589148),
+    (0.13231413194087063, 0.0182714857767035),
+    (0.27909376142359410, 0.029176521148750002),
+    (0.56369409935374090, 0.03515899611400154),
+    (1.12930842812847890, 0.024161314482526515),
+    (2.31574477748300730, 0.005181112106904951),
+];
 
-/// H0^(1)(z) exp(-i z) for Re z > 0, Im z >= 0.
-///
-/// sqrt(2/(pi z)) exp(-i pi/4) / sqrt(pi) int_0^inf exp(-u) u^(-1/2) (1 + i u/(2 z))^(-1/2) du (Abramowitz and Stegun
-/// 9.1.24 turned to steepest descent), u = x^2 on Gauss-Hermite nodes; its asymptotic series for large |z|. Relative
-/// error below 1e-5 for |z| > 0.5.
+/// H0^(1)(z) exp(-i z) for Re z >= 0, Im z >= 0; relative error below 1.5e-6 for |z| > 0.15 and below 1e-7 from 50 on.
 pub(super) fn scaled_hankel0(z: Complex64) -> Complex64 {
-    let amplitude = sqrt_right(2.0 / (PI * z)) * Complex64::new(FRAC_1_SQRT_2, -FRAC_1_SQRT_2);
-    if z.norm_sqr() > FAR * FAR {
-        // 1 + sum of i^m a_m / z^m, a_m = (-1)^m (1^2 3^2 ... (2m-1)^2) / (m! 8^m).
-        let y = Complex64::I / z;
-        return amplitude
-            * (1.0 + y * (-0.125 + y * (0.070_312_5 + y * (-0.073_242_187_5 + y * 0.112_152_099_609_375))));
+    sqrt_right(2.0 / (PI * z)) * Complex64::new(FRAC_1_SQRT_2, -FRAC_1_SQRT_2) * hankel0_ratio(z)
+}
+
+/// The same over its limit for large |z|, sqrt(2/(pi z)) exp(-i pi/4).
+#[inline]
+pub(super) fn hankel0_ratio(z: Complex64) -> Complex64 {
+    let (mut re, mut im) = (1.0, 0.0);
+    for (pole, residue) in POLES {
+        // 1/(pole - i z)
+        let (a, b) = (pole + z.im, z.re);
+        let share = residue / (a * a + b * b);
+        re -= share * a;
+        im -= share * b;
     }
-    let half = Complex64::I / (2.0 * z);
-    let sum: Complex64 = HERMITE.iter().map(|&(x, weight)| weight / sqrt_right(1.0 + half * (x * x))).sum();
-    amplitude * sum / PI.sqrt()
+    Complex64::new(re, im)
 }
 
 /// The square root of a number with a positive real part, without angles.
@@ -239,16 +241,26 @@ mod tests {
         for x in [0.5, 1.0, 3.0, 11.9, 12.1, 40.0] {
             let expected = Complex64::new(libm::j0(x), libm::y0(x)) * Complex64::from_polar(1.0, -x);
             let got = scaled_hankel0(Complex64::from(x));
-            assert!((got - expected).norm() < 1e-5 * expected.norm(), "{x}: {got} {expected}");
+            assert!((got - expected).norm() < 1.5e-6 * expected.norm(), "{x}: {got} {expected}");
         }
     }
 
     #[test]
-    fn both_forms_agree_where_they_meet_in_the_complex_plane() {
-        for angle in [0.0, 0.5, 1.0, 1.5] {
-            let at = |r: f64| scaled_hankel0(Complex64::from_polar(r, angle));
-            let (near, far) = (at(FAR * (1.0 - 1e-9)), at(FAR * (1.0 + 1e-9)));
-            assert!((near - far).norm() < 3e-6 * far.norm(), "{angle}: {near} {far}");
+    fn complex_arguments_agree_with_the_integral_of_steepest_descent() {
+        // sqrt(2/(pi z)) exp(-i pi/4) (2/sqrt(pi)) int_0^inf exp(-x^2) (1 + i x^2/(2 z))^(-1/2) dx by the trapezoidal rule.
+        for (r, angle) in [(0.3, 0.0), (0.3, 1.5), (1.0, 0.7), (4.0, 1.57), (11.0, 0.3), (60.0, 1.2)] {
+            let z = Complex64::from_polar(r, angle);
+            let n = 20_000;
+            let step = 8.0 / f64::from(n);
+            let term = |i: i32| {
+                let x = (f64::from(i) + 0.5) * step;
+                (-x * x).exp() / (1.0 + Complex64::I / (2.0 * z) * (x * x)).sqrt() * step
+            };
+            let expected = (0..n).map(term).sum::<Complex64>() * 2.0 / PI.sqrt();
+            let got = hankel0_ratio(z);
+            assert!((got - expected).norm() < 1.5e-6 * expected.norm(), "{r} {angle}: {got} {expected}");
+            let whole = (2.0 / (PI * z)).sqrt() * Complex64::from_polar(1.0, -FRAC_PI_4) * got;
+            assert!((scaled_hankel0(z) - whole).norm() < 1e-14 * whole.norm());
         }
     }
 }

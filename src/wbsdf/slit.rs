@@ -1,6 +1,7 @@
 //! Infinitely long openings in one plane: the exact aperture where they are narrow, the closed form where they are wide.
 
 use std::num::NonZeroUsize;
+use std::sync::{Arc, OnceLock};
 
 use gauss_quad::legendre::GaussLegendre;
 use num_complex::Complex64;
@@ -242,12 +243,20 @@ pub(super) fn resonant(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: 
     3.0 * share * (high - low) * thickness_m / (first * narrowest).min(1.5)
 }
 
+/// Largest rule that is kept once it is found.
+const MOST_KEPT: usize = 512;
+
 /// Gauss-Legendre nodes on [low, high] with weights that sum to 1.
 pub(crate) fn gauss_nodes(low: f64, high: f64, count: usize) -> impl Iterator<Item = (f64, f64)> {
-    let rule = GaussLegendre::new(NonZeroUsize::new(count).unwrap_or(NonZeroUsize::MIN));
+    type Rule = Arc<[(f64, f64)]>;
+    static RULES: [OnceLock<Rule>; MOST_KEPT] = [const { OnceLock::new() }; MOST_KEPT];
+    let new = || -> Rule {
+        let rule = GaussLegendre::new(NonZeroUsize::new(count).unwrap_or(NonZeroUsize::MIN));
+        rule.iter().map(|&(x, w)| (x, 0.5 * w)).collect()
+    };
+    let rule = RULES.get(count).map_or_else(new, |known| Arc::clone(known.get_or_init(new)));
     let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
-    let nodes: Vec<(f64, f64)> = rule.iter().map(|&(x, w)| (middle + half * x, 0.5 * w)).collect();
-    nodes.into_iter()
+    (0..rule.len()).map(move |i| (middle + half * rule[i].0, rule[i].1))
 }
 
 /// Intensity behind infinitely long openings relative to the source's free field at 1 m.
