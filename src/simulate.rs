@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::error::{Result, Warning};
 use crate::geometry::Geometry;
-use crate::paths::{self, Early};
+use crate::paths::{Early, Prepared};
 use crate::plan::Plan;
 use crate::probe::{BandLevel, Echogram, Reception};
 use crate::scene::Scene;
@@ -42,7 +42,28 @@ pub fn run(
     progress: &(dyn Fn(trace::Progress) + Sync),
 ) -> Result<Outcome> {
     let start = Instant::now();
-    let early = paths::find(scene, geometry, plan.reflection_order);
+    let prepared = Prepared::new(scene, geometry, plan.reflection_order);
+    let preparing_s = start.elapsed().as_secs_f64();
+    let mut outcome = run_prepared(scene, geometry, plan, &prepared, progress)?;
+    if let Some((_, paths_s)) = outcome.times_s.first_mut() {
+        *paths_s += preparing_s;
+    }
+    Ok(outcome)
+}
+
+/// The same with `prepared` from this scene and plan: a second run finds the tables of its openings filled.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_prepared(
+    scene: &Scene,
+    geometry: &Geometry,
+    plan: &Plan,
+    prepared: &Prepared<'_>,
+    progress: &(dyn Fn(trace::Progress) + Sync),
+) -> Result<Outcome> {
+    let start = Instant::now();
+    let early = prepared.find();
     let mut times_s = vec![("paths".to_owned(), start.elapsed().as_secs_f64())];
     let mut warnings = plan.warnings.clone();
     let traced = match &plan.traced {

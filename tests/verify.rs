@@ -40,11 +40,20 @@ fn the_short_verification_writes_its_table_and_report_and_signed_rays_are_within
     assert!(page.contains("<circle") && !page.contains("NaN") && !page.contains("http"));
 
     let mut reader = csv::Reader::from_path(folder.join("verify.csv")).unwrap();
-    let columns = "case,source,mean,band_hz,region,transport,budget,levels,median_db,p90_db,max_db,time_us_per_level";
+    let columns =
+        "case,source,mean,band_hz,region,transport,budget,levels,median_db,p90_db,max_db,time_us_per_level,set_up_ms";
     assert_eq!(reader.headers().unwrap().iter().collect::<Vec<_>>().join(","), columns);
     let rows: Vec<Row> = reader.deserialize().map(Result::unwrap).collect();
     let rays: Vec<&Row> = rows.iter().filter(|r| r["transport"] == "wbsdf" && r["budget"] == "2e-3").collect();
     assert!(rays.iter().all(|r| number(r, "time_us_per_level") > 0.0 && number(r, "median_db") <= number(r, "max_db")));
+    // Tables belong to openings that are solved exactly; the uniform theory has none.
+    let set_up_ms = |transport: &str, case: &str| -> f64 {
+        rows.iter()
+            .filter(|r| r["transport"] == transport && r["case"] == case)
+            .map(|r| number(r, "set_up_ms"))
+            .fold(0.0, f64::max)
+    };
+    assert!(set_up_ms("wbsdf", "thick slit") > 5.0 * set_up_ms("utd", "thick slit"));
     // One case of every kind, most with three probes or more and eight bands.
     assert!(rays.iter().map(|r| number(r, "levels")).sum::<f64>() > 600.0);
 

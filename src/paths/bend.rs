@@ -1,7 +1,6 @@
 //! The way over one edge between one source image and one probe image, and what the edge sends along it.
 
-use std::f64::consts::{FRAC_PI_4, PI, TAU};
-use std::sync::Arc;
+use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -9,7 +8,8 @@ use num_complex::Complex64;
 use super::Pair;
 use super::images::{Image, Origin};
 use super::reach::{FELT_FRESNEL, Place, angle_of, image_detour_m, place, way_m};
-use super::wave::Wave;
+use super::smooth::{NODES, Nodes, SILENT, Smooth, turn};
+use super::wave::{Sound, Wave};
 use crate::geometry::{Edge, Geometry, Skip};
 use crate::scene::{Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
@@ -17,16 +17,63 @@ use crate::wbsdf::edge::{self, AboutEdge};
 use crate::wbsdf::mask::{Jambs, Mask};
 use crate::wbsdf::quadrature::RaySum;
 use crate::wbsdf::utd::WedgeRays;
-use crate::wbsdf::wedge::{self, Diffracted, WedgeField};
+use crate::wbsdf::wedge::{self, WedgeField};
 
 /// Relative accuracy of the sums over signed rays.
 const TOLERANCE: f64 = 1e-4;
 
-/// One wave of a group at one wave number: length of its way in m and pressure.
-#[derive(Clone, Copy)]
+/// Ways over one edge at most: over itself and over its ends.
+const WAYS: usize = 3;
+
+/// One wave of a group in a band: the length of its way in m, and what it is made of, each with its own way.
+#[derive(Clone)]
 pub(super) struct Ray {
     pub(super) length_m: f64,
-    pub(super) pressure: Complex64,
+    parts: [(f64, Smooth); WAYS],
+    count: usize,
+}
+
+impl Ray {
+    pub(super) fn new(length_m: f64) -> Self {
+        Self { length_m, parts: [(0.0, SILENT); WAYS], count: 0 }
+    }
+
+    /// A wave over a single way.
+    pub(super) fn single(length_m: f64, values: Smooth) -> Self {
+        let mut ray = Self::new(length_m);
+        ray.add(length_m, values);
+        ray
+    }
+
+    /// Adds what comes over a way `length_m` long.
+    pub(super) fn add(&mut self, length_m: f64, values: Smooth) {
+        if let Some(part) = self.parts.get_mut(self.count) {
+            *part = (length_m, values);
+            self.count += 1;
+        }
+    }
+
+    fn parts(&self) -> &[(f64, Smooth)] {
+        &self.parts[..self.count]
+    }
+
+    /// Mean of `scale` |p|^2.
+    pub(super) fn power(&self, nodes: &Nodes, scale: &[f64; NODES]) -> f64 {
+        let mut sum = 0.0;
+        for (i, (length_m, values)) in self.parts().iter().enumerate() {
+            sum += nodes.power(values, scale);
+            for (other_m, others) in &self.parts[..i] {
+                sum += 2.0 * nodes.product(values, others, length_m - other_m, scale);
+            }
+        }
+        sum
+    }
+
+    /// Mean of 2 `scale` Re[p q*].
+    pub(super) fn cross(&self, other: &Self, nodes: &Nodes, scale: &[f64; NODES]) -> f64 {
+        let pairs = self.parts().iter().flat_map(|a| other.parts().iter().map(move |b| (a, b)));
+        2.0 * pairs.map(|((a_m, a), (b_m, b))| nodes.product(a, b, a_m - b_m, scale)).sum::<f64>()
+    }
 }
 
 /// One edge between one source image and one probe image.
@@ -58,15 +105,28 @@ pub(super) struct Bend<'a> {
     pub(super) line: bool,
 }
 
+/// The way over an edge as if nothing stood in it.
+#[derive(Clone, Copy)]
+pub(super) struct Way {
+    from: Place,
+    to: Place,
+    /// Where along the edge the shortest way passes.
+    on_edge_m: f64,
+    sin_beta: f64,
+    pub(super) length_m: f64,
+    straight_m: f64,
+    apart_m: f64,
+}
+
 impl<'a> Ends<'_, 'a> {
-    /// `None`: the edge is not in sight of source and probe image, or too far from the direct sound and the reflections to
-    /// be felt. `lit`: whether the direct way is free.
-    pub(super) fn bend(&self, (s, p): (usize, usize), lit: bool) -> Option<Bend<'a>> {
-        let &Pair { scene, geometry, spectra, kind, source, probe, .. } = self.pair;
+    /// `None`: there is no way over the edge, or it is too far from the direct sound and the reflections to be felt. `lit`:
+    /// whether the direct way is free.
+    pub(super) fn way(&self, lit: bool) -> Option<Way> {
+        let &Pair { scene, spectra, kind, .. } = self.pair;
         let edge = self.edge;
         let to = place(edge, self.receiver);
         let two_dimensional = *kind != SourceKind::Point;
-        let (from, keller_m, mut sin_beta) = match self.from.origin {
+        let (from, keller_m, sin_beta) = match self.from.origin {
             Origin::At(position) => {
                 if let SourceKind::Line(axis) = kind
                     && axis.dot(edge.direction).abs() < 1.0 - 1e-9
@@ -107,12 +167,37 @@ impl<'a> Ends<'_, 'a> {
             Origin::At(position) => (way_m(&from, &to, on_edge_m), (self.receiver - position).length()),
         };
         // An edge in sight is felt near its shadow boundary and near the reflection boundaries of its faces.
-        let apart = if two_dimensional { 0.0 } else { to.along_m - from.along_m };
-        let detour = (length_m - straight_m).min(image_detour_m(edge, &from, &to, length_m, apart));
+        let apart_m = if two_dimensional { 0.0 } else { to.along_m - from.along_m };
+        let detour = (length_m - straight_m).min(image_detour_m(edge, &from, &to, length_m, apart_m));
         let low_hz = spectra.first()?.low_hz;
         if lit && !scene.adds_pressures() && 2.0 * detour * low_hz / scene.air.speed_of_sound_m_s > FELT_FRESNEL {
             return None;
         }
+        Some(Way { from, to, on_edge_m, sin_beta, length_m, straight_m, apart_m })
+    }
+
+    /// Amplitude at the wave number `k` that comes over the edge at most, by Keller's coefficient with all its terms of one sign;
+    /// the free field over the way where that is less.
+    pub(super) fn bound(&self, way: &Way, k: f64) -> f64 {
+        let Way { from, to, length_m, sin_beta, .. } = way;
+        let n = self.edge.exterior_angle / PI;
+        let (difference, sum) = (to.phi - from.phi, to.phi + from.phi);
+        let angles = [PI + difference, PI - difference, PI + sum, PI - sum];
+        let cotangents: f64 = angles.iter().map(|angle| (0.5 * angle / n).tan().abs().recip()).sum();
+        let (spread_m, free) = match self.pair.kind {
+            SourceKind::Point => (from.r_m * to.r_m * length_m, 1.0 / length_m),
+            SourceKind::Line(_) => (from.r_m * to.r_m, 1.0 / length_m.sqrt()),
+            SourceKind::Plane(_) => (sin_beta * to.r_m, 1.0),
+        };
+        (cotangents / (2.0 * n * (TAU * k * spread_m).sqrt())).min(free)
+    }
+
+    /// `None`: the edge is not in sight of source and probe image.
+    pub(super) fn bend(&self, (s, p): (usize, usize), way: &Way) -> Option<Bend<'a>> {
+        let &Pair { scene, geometry, spectra, kind, source, probe, .. } = self.pair;
+        let (edge, two_dimensional) = (self.edge, *kind != SourceKind::Point);
+        let &Way { from, to, on_edge_m, sin_beta, length_m, straight_m, apart_m, .. } = way;
+        let ([begin, end], utd) = (edge.on_surface, scene.simulation.transport == Transport::Utd);
         // Just outside the edge, in the middle of the fluid; from an end a little into the edge.
         let (sin, cos) = (0.5 * edge.exterior_angle).sin_cos();
         let outwards = edge.face_a * cos + edge.normal_a * sin;
@@ -126,7 +211,7 @@ impl<'a> Ends<'_, 'a> {
         let wave = match kind {
             SourceKind::Line(_) => wedge::Wave::Line,
             SourceKind::Plane(_) => wedge::Wave::Plane,
-            SourceKind::Point => wedge::Wave::Point(apart),
+            SourceKind::Point => wedge::Wave::Point(apart_m),
         };
         let ends_m = match kind {
             SourceKind::Point => [
@@ -135,13 +220,17 @@ impl<'a> Ends<'_, 'a> {
             ],
             _ => [f64::NEG_INFINITY, f64::INFINITY],
         };
-        sin_beta = if wave == wedge::Wave::Plane { sin_beta } else { 1.0 };
+        let sin_beta = if wave == wedge::Wave::Plane { sin_beta } else { 1.0 };
         let all = Spectrum {
-            low_hz: low_hz * sin_beta,
+            low_hz: spectra.first()?.low_hz * sin_beta,
             high_hz: spectra.last()?.high_hz * sin_beta,
             speed_m_s: scene.air.speed_of_sound_m_s,
         };
-        let field = WedgeField::between(edge.exterior_angle, about(&from), about(&to), wave, ends_m, &all);
+        let field = if utd {
+            WedgeField::silent(edge.exterior_angle, about(&from), about(&to), wave, &all)
+        } else {
+            WedgeField::between(edge.exterior_angle, about(&from), about(&to), wave, ends_m, &all)
+        };
         let faces = [0, 1].map(|face| reflection_factors(scene, geometry, edge, face));
         let rays = utd.then(|| WedgeRays::new(edge.exterior_angle, about(&from), about(&to), wave));
         Some(Bend {
@@ -170,25 +259,29 @@ fn reflection_factors(scene: &Scene, geometry: &Geometry, edge: &Edge, face: usi
     shares.map(|(absorbed, scattered)| ((1.0 - absorbed) * (1.0 - scattered)).max(0.0).sqrt()).collect()
 }
 
-/// What an edge sends at one wave number, with the phase of the straight way taken out.
+/// What an edge sends in a band over one way, without the phase of its length.
+#[derive(Clone)]
 pub(super) struct Sent {
-    pub(super) incident: Complex64,
-    pub(super) faces: [Complex64; 2],
+    /// Length of the way in m.
+    pub(super) length_m: f64,
+    pub(super) incident: Smooth,
+    pub(super) faces: [Smooth; 2],
 }
 
 impl Bend<'_> {
-    /// The direct sound, as if it were free, with its phase taken out.
-    pub(super) fn direct(&self, k: f64) -> Complex64 {
-        let k = k * self.sin_beta;
-        let [straight, _] = self.field.lengths_m();
-        self.field.undisturbed(straight, k) * self.turned(k)
+    /// The direct sound, as if it were free, without its phase.
+    pub(super) fn direct(&self, nodes: &Nodes) -> Smooth {
+        let [straight_m, _] = self.field.lengths_m();
+        nodes.map(|k| self.field.amplitude(straight_m, k * self.sin_beta))
     }
 
-    /// The reflection by the nearer face, as if it were rigid and unbounded.
-    pub(super) fn reflection(&self, k: f64) -> Complex64 {
-        let k = k * self.sin_beta;
-        let [_, reflected] = self.field.lengths_m();
-        self.field.undisturbed(reflected, k) * self.turned(k)
+    /// Amplitude that comes over the edge between rigid faces at the first of the nodes, which belong to the lowest band.
+    pub(super) fn strength(&self, nodes: &Nodes) -> f64 {
+        let (Some(k), Some(between)) = (nodes.k.first(), nodes.between.first()) else { return 0.0 };
+        match &self.rays {
+            Some(rays) => self.by_rays(rays, *k).norm(),
+            None => self.field.over_way(0, k * self.sin_beta, between.as_ref()).iter().sum::<Complex64>().norm(),
+        }
     }
 
     /// Length in m of a way that is `across_m` long in the plane across the edge of the field.
@@ -197,47 +290,58 @@ impl Bend<'_> {
     }
 
     /// The reflection by the nearer face with this intensity over a band.
-    pub(super) fn reflection_of(&self, intensity: f64, k: f64) -> Ray {
+    pub(super) fn reflection_of(&self, intensity: f64, nodes: &Nodes) -> Ray {
         let [_, reflected_m] = self.field.lengths_m();
         let amplitude = (intensity / self.field.free_intensity(reflected_m)).sqrt();
-        Ray { length_m: self.way_m(reflected_m), pressure: amplitude * self.reflection(k) }
+        let values = nodes.map(|k| amplitude * self.field.amplitude(reflected_m, k * self.sin_beta));
+        Ray::single(self.way_m(reflected_m), values)
     }
 
-    /// From the phase over the edge to that of the straight way.
-    fn turned(&self, k: f64) -> Complex64 {
-        let [straight, _] = self.field.lengths_m();
-        Complex64::from_polar(1.0, k * (self.field.over_m() - straight))
+    /// The face whose reflection is nearer.
+    fn nearer_face(&self) -> usize {
+        usize::from(self.from.phi + self.to.phi > self.edge.exterior_angle)
     }
 
-    /// What the edge sends in a band at wave number `k` in 1/m. `lit`, `reflected`: whether the direct sound and the
-    /// reflection of a face are found (exactly on a boundary rounding decides that); `share`: of the ways over the edge's
-    /// ends, by their length.
-    pub(super) fn sent(&self, band: usize, k: f64, lit: bool, reflected: bool, share: impl Fn(f64) -> f64) -> Sent {
-        let d = match &self.rays {
-            None => self.field.diffracted(k * self.sin_beta, &share),
-            Some(rays) => {
-                let k = k * self.sin_beta;
-                // The rays of a line source lack the phase of H0.
-                let turn = if self.line { -FRAC_PI_4 } else { 0.0 };
-                let incident = rays.field(k).diffracted * Complex64::from_polar(1.0, turn - k * self.field.over_m());
-                Diffracted { incident, faces: [Complex64::ZERO; 2] }
-            }
-        };
+    /// The ray theory's pressure at wave number `k` over the edge, without the phase of its length.
+    fn by_rays(&self, rays: &WedgeRays, k: f64) -> Complex64 {
+        let k = k * self.sin_beta;
+        // The rays of a line source lack the phase of H0.
+        let phase = if self.line { Complex64::new(FRAC_1_SQRT_2, -FRAC_1_SQRT_2) } else { Complex64::ONE };
+        rays.diffracted(k) * phase
+    }
+
+    /// What the edge sends in a band, one for each of the field's ways. `found`: whether the direct sound and the reflection of a
+    /// face are found (exactly on a boundary rounding decides that).
+    pub(super) fn sent(&self, band: usize, nodes: &Nodes, found: [bool; 2]) -> impl Iterator<Item = Sent> {
         let amplitude = self.factors[band].sqrt();
-        let turn = self.turned(k * self.sin_beta) * amplitude;
-        let mut sent =
-            Sent { incident: d.incident * turn, faces: [0, 1].map(|f| d.faces[f] * turn * self.faces[f][band]) };
-        // With the shortest way: over the edge itself, or over its end.
-        let first = share(self.field.ways_m().fold(f64::INFINITY, f64::min)) > 0.0;
-        let [direct, reflection] = if first { self.field.missing([lit, reflected]) } else { [0.0; 2] };
-        if direct != 0.0 {
-            sent.incident += direct * amplitude * self.direct(k);
-        }
-        if reflection != 0.0 {
-            let nearer = usize::from(self.from.phi + self.to.phi > self.edge.exterior_angle);
-            sent.faces[nearer] += reflection * amplitude * self.faces[nearer][band] * self.reflection(k);
-        }
-        sent
+        let faces = [amplitude * self.faces[0][band], amplitude * self.faces[1][band]];
+        let shortest = self.field.ways_m().fold(f64::INFINITY, f64::min);
+        self.field.ways_m().enumerate().map(move |(way, across_m)| {
+            let mut sent = Sent { length_m: self.way_m(across_m), incident: SILENT, faces: [SILENT; 2] };
+            for (q, (k, between)) in nodes.k.iter().zip(&nodes.between).enumerate() {
+                let [incident, a, b] = match &self.rays {
+                    None => self.field.over_way(way, k * self.sin_beta, between.as_ref()),
+                    Some(rays) => [self.by_rays(rays, *k), Complex64::ZERO, Complex64::ZERO],
+                };
+                sent.incident[q] = incident * amplitude;
+                sent.faces[0][q] = a * faces[0];
+                sent.faces[1][q] = b * faces[1];
+            }
+            // On a boundary both ways are equally long: with the shortest way, over the edge itself or over its end.
+            let [direct, reflection] = if across_m == shortest { self.field.missing(found) } else { [0.0; 2] };
+            if direct != 0.0 {
+                let missing = self.direct(nodes);
+                sent.incident.iter_mut().zip(missing).for_each(|(sum, value)| *sum += direct * amplitude * value);
+            }
+            if reflection != 0.0 {
+                let nearer = self.nearer_face();
+                let [_, reflected_m] = self.field.lengths_m();
+                let missing = nodes.map(|k| self.field.amplitude(reflected_m, k * self.sin_beta));
+                let share = reflection * faces[nearer];
+                sent.faces[nearer].iter_mut().zip(missing).for_each(|(sum, value)| *sum += share * value);
+            }
+            sent
+        })
     }
 }
 
@@ -264,20 +368,38 @@ impl Bend<'_> {
     }
 }
 
-/// All that an edge sends, as pressures: over the edge and over either end. `lit`, `reflected`: as in [`Bend::sent`].
-pub(super) fn send<'a>(bend: Bend<'a>, lit: bool, reflected: bool, waves: &mut Vec<Wave<'a>>) {
-    let bend = Arc::new(bend);
-    for across_m in bend.field.ways_m() {
-        let own = Arc::clone(&bend);
-        waves.push(Wave {
-            length_m: bend.way_m(across_m),
+/// All that an edge sends, as pressures: over the edge and over either end. `sent`: for each band and way.
+/// `found`: as in [`Bend::sent`].
+pub(super) fn send<'a>(bend: Bend<'a>, sent: &[Vec<Sent>], found: [bool; 2], waves: &mut Vec<Wave<'a>>) {
+    if bend.rays.is_some() {
+        let shares = bend.field.missing(found);
+        let nearer = bend.nearer_face();
+        let wave = Wave {
+            length_m: bend.length_m,
             wander_m: 0.0,
-            pressure: Box::new(move |band, k| {
-                let share = |way_m: f64| if way_m == across_m { 1.0 } else { 0.0 };
-                let sent = own.sent(band, k, lit, reflected, share);
-                (sent.incident + sent.faces[0] + sent.faces[1]) * Complex64::from_polar(1.0, k * own.straight_m)
+            sound: Sound::at(move |band, k| {
+                let mut pressure = bend.rays.as_ref().map_or(Complex64::ZERO, |rays| bend.by_rays(rays, k));
+                if shares != [0.0; 2] {
+                    let weights = [shares[0], shares[1] * bend.faces[nearer][band]];
+                    for (weight, length_m) in weights.into_iter().zip(bend.field.lengths_m()) {
+                        pressure += weight * bend.field.amplitude(length_m, k * bend.sin_beta);
+                    }
+                }
+                pressure * turn(k * bend.length_m) * bend.factors[band].sqrt()
             }),
-        });
+        };
+        waves.push(wave);
+        return;
+    }
+    for (way, across_m) in bend.field.ways_m().enumerate() {
+        let sum = |sent: &Vec<Sent>| {
+            let Sent { incident, faces: [a, b], .. } = &sent[way];
+            let mut sum = *incident;
+            sum.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a + b);
+            sum
+        };
+        let sound = Sound::Smooth(sent.iter().map(sum).collect());
+        waves.push(Wave { length_m: bend.way_m(across_m), wander_m: 0.0, sound });
     }
 }
 

@@ -9,9 +9,10 @@ use std::f64::consts::FRAC_PI_4;
 use glam::{DVec2, DVec3};
 use num_complex::Complex64;
 
+use super::edge::Heard;
 use super::images::Origin;
 use super::reach::FELT_FRESNEL;
-use super::wave::Wave;
+use super::wave::{Sound, Wave};
 use super::{Pair, Specular};
 use crate::geometry::{Edge, Skip};
 use crate::probe::EarlyPath;
@@ -209,7 +210,10 @@ impl Over<'_> {
         };
         let faint = match changed {
             Some(path) => *paths[path].path.intensity.first()? < FAINT * strongest,
-            None => chain.bound(spectra.first()?.low_k()) * self.free() < FAINT * strongest,
+            None => {
+                let bound = chain.bound(spectra.first()?.low_k()) * self.free();
+                bound < FAINT * strongest || Heard::new(self.pair, paths).drowns(self.pair, self.over_m(), bound.sqrt())
+            }
         };
         if faint {
             return None;
@@ -312,7 +316,7 @@ impl Over<'_> {
             return shadow.then(|| Wave {
                 length_m,
                 wander_m: 0.0,
-                pressure: Box::new(move |band, k| {
+                sound: Sound::at(move |band, k| {
                     let pressure = utd::two_edges(turns, legs_m, chain.common_face, wave, k * sin_beta);
                     pressure * Complex64::from_polar(amplitudes[band], k * ahead_m + turn)
                 }),
@@ -323,7 +327,7 @@ impl Over<'_> {
         Some(Wave {
             length_m,
             wander_m: chain.detour_m(),
-            pressure: Box::new(move |band, k| {
+            sound: Sound::at(move |band, k| {
                 let field = &fields[band];
                 let pressure = if shadow { field.pressure(k) } else { field.correction(k).unwrap_or_default() };
                 pressure * Complex64::from_polar(amplitudes[band], k * ahead_m)

@@ -7,21 +7,24 @@
 //! equal at a boundary thus always add as pressures there, and levels are continuous across every shadow and reflection
 //! boundary. Absorbing faces: the terms of a face carry its pressure reflection factor (Luebbers 1984).
 
-use super::bend::{Bend, Ends, Ray, send};
+use super::bend::{Bend, Ends, Ray, Sent, Way, send};
 use super::images::{Image, Origin};
 use super::reach::EdgeReach;
+use super::smooth::{NODES, Nodes};
 use super::wave::Wave;
 use super::{Pair, Specular};
 use crate::geometry::{Edge, Geometry};
 use crate::probe::EarlyPath;
 use crate::scene::Transport;
 use crate::wbsdf::crossing::Spectrum;
-use crate::wbsdf::slit::gauss_nodes;
 
 /// Differences of two ways, in half wavelengths of the lower band edge, between which pressures turn into energies.
 const COHERENT_FRESNEL: [f64; 2] = [2.0, 4.0];
 /// The same for direct sound and reflection, counted from the reflection boundary.
 const JOINED_FRESNEL: [f64; 2] = [0.0, 1.0];
+
+/// Relative change of an intensity below which an edge is left out (0.0004 dB).
+const UNHEARD: f64 = 1e-4;
 
 /// Adds the paths over all felt edges, and what edges in sight change, to `paths`; where pressures are asked for, also what
 /// the edges send to `waves`.
@@ -35,6 +38,7 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
     // What the edges change is reckoned from the undisturbed intensities.
     let specular = paths.len();
     let undisturbed: Vec<Vec<f64>> = paths.iter().map(|path| path.path.intensity.clone()).collect();
+    let mut heard = Heard::new(pair, paths);
     for (s, from) in source.images.iter().enumerate() {
         for (p, to) in probe.images.iter().enumerate() {
             let reflections = from.planes.len() + to.planes.len();
@@ -47,10 +51,27 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
                 paths[..specular].iter().position(|path| planes.clone().eq(path.planes.iter().copied()))
             };
             let lit = find(None);
-            let bends: Vec<Bend<'a>> = felt
+            let ends = |edge: &&'a Edge| Ends { pair, edge: *edge, from, receiver };
+            let mut ways: Vec<(Ends<'_, 'a>, Way, f64)> = felt
                 .iter()
-                .filter_map(|edge| Ends { pair, edge, from, receiver }.bend((s, p), lit.is_some()))
+                .map(ends)
+                .filter_map(|ends| {
+                    let way = ends.way(lit.is_some())?;
+                    let bound = ends.bound(&way, heard.low_k);
+                    Some((ends, way, bound))
+                })
                 .collect();
+            ways.sort_by(|a, b| b.2.total_cmp(&a.2));
+            let mut bends: Vec<Bend<'a>> = Vec::with_capacity(ways.len());
+            for (ends, way, bound) in ways {
+                if heard.drowns(pair, way.length_m, bound) {
+                    continue;
+                }
+                if let Some(bend) = ends.bend((s, p), &way) {
+                    heard.add(pair, &bend);
+                    bends.push(bend);
+                }
+            }
             if bends.is_empty() {
                 continue;
             }
@@ -65,7 +86,19 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
                     reflected.push((plane, path));
                 }
             }
-            let group = Group { pair, bends: &bends, may_reflect };
+            let found = |bend: &Bend<'_>| {
+                let reflects = bend.edge.planes.iter().any(|q| reflected.iter().any(|(plane, _)| plane == q));
+                [lit.is_some(), reflects]
+            };
+            let sent: Vec<Vec<Vec<Sent>>> = bends
+                .iter()
+                .map(|bend| {
+                    let found = found(bend);
+                    let of_band = |(band, nodes)| bend.sent(band, nodes, found).collect();
+                    pair.nodes.iter().enumerate().map(of_band).collect()
+                })
+                .collect();
+            let group = Group { pair, bends: &bends, sent: &sent, may_reflect };
             let known = |path: usize| undisturbed[path].as_slice();
             let faces: Vec<(usize, &[f64])> = reflected.iter().map(|&(plane, path)| (plane, known(path))).collect();
             let changes = group.changes(lit.map(known), &faces);
@@ -93,12 +126,55 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
                 paths.push(Specular { planes, bent: true, path });
             }
             if pair.scene.adds_pressures() {
-                for bend in bends {
-                    let found = bend.edge.planes.iter().any(|q| reflected.iter().any(|(plane, _)| plane == q));
-                    send(bend, lit.is_some(), found, waves);
+                for (bend, sent) in bends.into_iter().zip(&sent) {
+                    let found = found(&bend);
+                    send(bend, sent, found, waves);
                 }
             }
         }
+    }
+}
+
+/// The strongest sound that is known so far.
+pub(super) struct Heard {
+    /// Wave number in 1/m for which bounds are taken: the lowest one.
+    low_k: f64,
+    /// Amplitude, one a band.
+    strongest: Vec<f64>,
+    /// Lengths in m of the ways of all sound.
+    lengths_m: Vec<f64>,
+}
+
+impl Heard {
+    pub(super) fn new(pair: &Pair<'_>, paths: &[Specular]) -> Self {
+        let strongest = |band: usize| paths.iter().map(|path| path.path.intensity[band]).fold(0.0, f64::max).sqrt();
+        Self {
+            low_k: pair.spectra.first().map_or(1.0, Spectrum::low_k),
+            strongest: (0..pair.spectra.len()).map(strongest).collect(),
+            lengths_m: paths.iter().map(|path| path.path.delay_s * pair.scene.air.speed_of_sound_m_s).collect(),
+        }
+    }
+
+    /// Whether what comes over one edge or more, at most `bound` at the lowest wave number, changes no level by more than [`UNHEARD`], as
+    /// energy or by interference.
+    pub(super) fn drowns(&self, pair: &Pair<'_>, length_m: f64, bound: f64) -> bool {
+        let apart_m = self.lengths_m.iter().map(|m| (m - length_m).abs()).fold(f64::INFINITY, f64::min);
+        pair.spectra.iter().zip(&self.strongest).all(|(spectrum, strongest)| {
+            let ratio = bound * (self.low_k / spectrum.low_k()).sqrt() / strongest;
+            // The mean of a cosine over the band.
+            let mean = (2.0 / ((spectrum.high_k() - spectrum.low_k()) * apart_m)).min(1.0);
+            ratio * ratio + 2.0 * ratio * mean < UNHEARD
+        })
+    }
+
+    /// Far from its boundaries an edge sends amplitudes like 1/sqrt(k), on them all alike.
+    fn add(&mut self, pair: &Pair<'_>, bend: &Bend<'_>) {
+        let lowest = pair.nodes.first().map_or(0.0, |nodes| bend.strength(nodes));
+        for ((strongest, factor), spectrum) in self.strongest.iter_mut().zip(&bend.factors).zip(pair.spectra) {
+            let sent = lowest * (self.low_k / spectrum.high_k() * factor).sqrt();
+            *strongest = strongest.max(sent);
+        }
+        self.lengths_m.push(bend.length_m);
     }
 }
 
@@ -113,6 +189,8 @@ fn label(geometry: &Geometry, from: &Image, edge: &Edge, to: &Image) -> String {
 struct Group<'p, 'a> {
     pair: &'p Pair<'a>,
     bends: &'p [Bend<'a>],
+    /// What each sends, for each band and way.
+    sent: &'p [Vec<Vec<Sent>>],
     may_reflect: bool,
 }
 
@@ -143,17 +221,13 @@ impl Group<'_, '_> {
         let first = &self.bends[0];
         let [straight_m, _] = first.field.lengths_m();
         let free = first.field.free_intensity(straight_m);
-        for (band, spectrum) in self.pair.spectra.iter().enumerate() {
-            let (low, high) = (spectrum.low_k(), spectrum.high_k());
-            // Only waves that add as pressures make the mean over the band hard.
-            let phase = (high - low) * self.coherent_m(spectrum, direct.is_some());
-            let count = if high > low { 5 + (0.7 * phase).ceil() as usize } else { 1 };
-            let amplitude = direct.map(|d| (d[band] / free).sqrt());
-            for (k, weight) in gauss_nodes(low, high, count) {
-                let scale = weight * free / first.field.free(straight_m, k * first.sin_beta);
-                let straight = amplitude.map(|a| Ray { length_m: first.straight_m, pressure: a * first.direct(k) });
-                self.at(band, k, scale, straight, reflected, &mut changes);
-            }
+        for (band, nodes) in self.pair.nodes.iter().enumerate() {
+            let scale = nodes.scale(|k| free / first.field.free(straight_m, k * first.sin_beta));
+            let straight = direct.map(|d| {
+                let amplitude = (d[band] / free).sqrt();
+                Ray::single(first.straight_m, first.direct(nodes).map(|value| amplitude * value))
+            });
+            self.within(band, nodes, &scale, straight, reflected, &mut changes);
         }
         changes
     }
@@ -175,79 +249,74 @@ impl Group<'_, '_> {
         }
     }
 
-    /// Largest difference in m between ways that add as pressures.
-    fn coherent_m(&self, spectrum: &Spectrum, lit: bool) -> f64 {
-        let reach = COHERENT_FRESNEL[1] * 0.5 * spectrum.speed_m_s / spectrum.low_hz;
-        let mut most = 0.0_f64;
-        for (i, bend) in self.bends.iter().enumerate() {
-            let direct = lit.then_some(bend.straight_m);
-            let reflection = Some(bend.way_m(bend.field.lengths_m()[1]));
-            let ends = bend.field.ways_m().map(|way| bend.way_m(way));
-            let others = self.bends[..i].iter().map(|other| other.length_m);
-            let ways = direct.into_iter().chain(reflection).chain(ends).chain(others);
-            most = ways.map(|way| (bend.length_m - way).abs()).filter(|d| *d < reach).fold(most, f64::max);
-        }
-        most
-    }
-
-    /// Adds the changes at one wave number, times `scale`.
-    fn at(
+    /// Adds the changes in one band, of means over `scale`.
+    fn within(
         &self,
         band: usize,
-        k: f64,
-        scale: f64,
+        nodes: &Nodes,
+        scale: &[f64; NODES],
         straight: Option<Ray>,
         reflected: &[(usize, &[f64])],
         changes: &mut Changes,
     ) {
         let spectrum = &self.pair.spectra[band];
         let coherent = |a_m: f64, b_m: f64| coherence(a_m - b_m, spectrum.low_hz, spectrum, COHERENT_FRESNEL);
-        let product = |a: &Ray, b: &Ray| 2.0 * (a.pressure * b.pressure.conj()).re;
-        let both = |a: &Ray, b: &Ray| coherent(a.length_m, b.length_m) * product(a, b);
+        let product = |a: &Ray, b: &Ray| a.cross(b, nodes, scale);
+        let weighted = |weight: f64, a: &Ray, b: &Ray| if weight > 0.0 { weight * product(a, b) } else { 0.0 };
+        let both = |a: &Ray, b: &Ray| weighted(coherent(a.length_m, b.length_m), a, b);
+        let power = |a: &Ray| a.power(nodes, scale);
         let alone = |rays: &[Ray]| {
             let pairs = rays.iter().enumerate().flat_map(|(i, a)| rays[..i].iter().map(move |b| (a, b)));
-            let powers = rays.iter().map(|a| a.pressure.norm_sqr());
-            powers.sum::<f64>() + pairs.map(|(a, b)| both(a, b)).sum::<f64>()
+            rays.iter().map(power).sum::<f64>() + pairs.map(|(a, b)| both(a, b)).sum::<f64>()
         };
         // What belongs to the direct way, and what to each reflection: the face's own wave with those of the edges.
         let mut about: Vec<Ray> = Vec::with_capacity(self.bends.len());
         let mut faces: Vec<(Option<Ray>, Vec<Ray>)> = vec![Default::default(); reflected.len()];
-        for bend in self.bends {
+        for (bend, sent) in self.bends.iter().zip(self.sent) {
             let found = |face: usize| reflected.iter().position(|(plane, _)| *plane == bend.edge.planes[face]);
-            let share = |way_m: f64| coherent(bend.way_m(way_m), bend.length_m);
-            let sent = bend.sent(band, k, straight.is_some(), found(0).or(found(1)).is_some(), share);
-            let ray = |pressure| Ray { length_m: bend.length_m, pressure };
-            let mut own = sent.incident;
-            for (face, pressure) in sent.faces.into_iter().enumerate() {
-                match found(face) {
-                    Some(n) => {
-                        let (reflection, rays) = &mut faces[n];
-                        reflection.get_or_insert_with(|| bend.reflection_of(reflected[n].1[band], k));
-                        rays.push(ray(pressure));
+            let found = [found(0), found(1)];
+            let mut own = Ray::new(bend.length_m);
+            let mut of_faces = [(); 2].map(|()| Ray::new(bend.length_m));
+            // Beyond the order a reflection is left to the traced rays, and so is what the edge changes of it.
+            let left_out = !self.may_reflect && bend.field.reflects();
+            for way in &sent[band] {
+                let share = coherent(way.length_m, bend.length_m);
+                if share == 0.0 {
+                    continue;
+                }
+                let mut values = way.incident;
+                for (face, found) in found.iter().enumerate() {
+                    match found {
+                        Some(_) => of_faces[face].add(way.length_m, way.faces[face].map(|value| share * value)),
+                        None if left_out => {}
+                        None => values.iter_mut().zip(&way.faces[face]).for_each(|(sum, value)| *sum += value),
                     }
-                    // Beyond the order a reflection is left to the traced rays, and so is what the edge changes of it.
-                    None if !self.may_reflect && bend.field.reflects() => {}
-                    None => own += pressure,
+                }
+                own.add(way.length_m, values.map(|value| share * value));
+            }
+            for (found, ray) in found.into_iter().zip(of_faces) {
+                if let Some(n) = found {
+                    let (reflection, rays) = &mut faces[n];
+                    reflection.get_or_insert_with(|| bend.reflection_of(reflected[n].1[band], nodes));
+                    rays.push(ray);
                 }
             }
-            about.push(ray(own));
+            about.push(own);
         }
         let total = alone(&about);
         match &straight {
-            Some(direct) => {
-                let change = total + about.iter().map(|a| both(direct, a)).sum::<f64>();
-                changes.straight[band] += scale * change;
-            }
+            Some(direct) => changes.straight[band] += total + about.iter().map(|a| both(direct, a)).sum::<f64>(),
             None => {
-                let powers: f64 = about.iter().map(|a| a.pressure.norm_sqr()).sum();
-                for (over, a) in changes.over.iter_mut().zip(&about) {
-                    over[band] += scale * total * a.pressure.norm_sqr() / powers.max(f64::MIN_POSITIVE);
+                let powers: Vec<f64> = about.iter().map(power).collect();
+                let all = powers.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+                for (over, own) in changes.over.iter_mut().zip(powers) {
+                    over[band] += total * own / all;
                 }
             }
         }
         for (n, (reflection, rays)) in faces.iter().enumerate() {
             let Some(reflection) = reflection else { continue };
-            changes.faces[n][band] += scale * (alone(rays) + rays.iter().map(|r| both(reflection, r)).sum::<f64>());
+            changes.faces[n][band] += alone(rays) + rays.iter().map(|r| both(reflection, r)).sum::<f64>();
             // Near the reflection boundary an edge joins the direct sound and the reflection.
             let hz = 0.5 * (spectrum.low_hz + spectrum.high_hz);
             let joined = |r: &Ray| coherence(r.length_m - reflection.length_m, hz, spectrum, JOINED_FRESNEL);
@@ -255,15 +324,15 @@ impl Group<'_, '_> {
                 let (mut cross, mut most) = (0.0, 0.0_f64);
                 for r in rays {
                     let weight = joined(r) * coherent(a.length_m, r.length_m);
-                    cross += weight * product(a, r);
+                    cross += weighted(weight, a, r);
                     most = most.max(weight);
                 }
-                cross + most * product(a, reflection)
+                cross + weighted(most, a, reflection)
             };
             let cross: f64 = about.iter().chain(&straight).map(cross_with).sum();
             match &straight {
-                Some(_) => changes.straight[band] += scale * cross,
-                None => changes.faces[n][band] += scale * cross,
+                Some(_) => changes.straight[band] += cross,
+                None => changes.faces[n][band] += cross,
             }
         }
     }

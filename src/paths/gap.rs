@@ -9,7 +9,7 @@ use num_complex::Complex64;
 use super::Pair;
 use super::images::{ImageTree, Origin};
 use super::rectangle::Rectangles;
-use super::wave::Wave;
+use super::wave::{Sound, Wave};
 use crate::geometry::{Geometry, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, SourceKind, Transport};
@@ -81,6 +81,13 @@ impl Gap {
         gaps
     }
 
+    /// Drops what depends on the points met, so that the next pass takes as long as the first one with new points.
+    pub(super) fn forget_points(&self) {
+        if let Shape::Rectangles(rectangles) = &self.shape {
+            rectangles.forget_points();
+        }
+    }
+
     /// All paths from the source's images to the probe's images through this gap with at most `order` reflections.
     ///
     /// Where pressures are asked for, the same as pressures to `waves`.
@@ -99,7 +106,7 @@ impl Gap {
         apertures: &[OnceLock<BandApertures>],
         waves: &mut Vec<Wave<'a>>,
     ) -> Vec<EarlyPath> {
-        let &Pair { scene, geometry, spectra, kind, source, probe, order } = pair;
+        let &Pair { scene, geometry, spectra, kind, source, probe, order, .. } = pair;
         let mut paths = Vec::new();
         for (s, from) in source.images.iter().enumerate() {
             for (p, to) in
@@ -176,7 +183,7 @@ impl Gap {
         Wave {
             length_m: length_m + ahead_m,
             wander_m: rays.detour_m(),
-            pressure: Box::new(move |band, k| {
+            sound: Sound::at(move |band, k| {
                 rays.pressure(k) * Complex64::from_polar(amplitudes[band], k * ahead_m + turn)
             }),
         }

@@ -7,6 +7,7 @@ mod gap;
 mod images;
 mod reach;
 mod rectangle;
+mod smooth;
 mod wave;
 
 use glam::DVec3;
@@ -17,7 +18,8 @@ use crate::probe::EarlyPath;
 use crate::scene::{Scene, Source, SourceKind, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::wedge;
-use wave::Wave;
+use smooth::Nodes;
+use wave::{Adding, Sound, Wave};
 
 pub use gap::Gap;
 pub use images::{ImageTree, Origin};
@@ -41,6 +43,8 @@ struct Pair<'a> {
     geometry: &'a Geometry,
     /// One a band.
     spectra: &'a [Spectrum],
+    /// One a band.
+    nodes: &'a [Nodes],
     kind: &'a SourceKind,
     source: &'a ImageTree,
     probe: &'a ImageTree,
@@ -48,50 +52,86 @@ struct Pair<'a> {
     order: usize,
 }
 
+/// What all paths of a scene share: its openings, whose tables are filled as the first paths need them.
+pub struct Prepared<'a> {
+    scene: &'a Scene,
+    geometry: &'a Geometry,
+    order: usize,
+    spectra: Vec<Spectrum>,
+    nodes: Vec<Nodes>,
+    gaps: Vec<Gap>,
+}
+
 /// All deterministic paths, one list for every (source, probe), sources slowest.
 ///
 /// `reflection_order`: specular reflections on a path at most.
 pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<Early> {
-    let spectra: Vec<Spectrum> = scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
-    let gaps = if scene.simulation.diffraction_order > 0 { Gap::find(scene, geometry) } else { Vec::new() };
-    let reaches = edge_reach(scene, geometry);
-    let probes: Vec<ImageTree> =
-        scene.probes.par_iter().map(|p| ImageTree::of_probe(p.position_m, geometry, reflection_order)).collect();
-    let sources: Vec<ImageTree> =
-        scene.sources.par_iter().map(|s| ImageTree::of_source(s, geometry, reflection_order)).collect();
-    let pairs: Vec<(usize, usize)> = (0..sources.len()).flat_map(|s| (0..probes.len()).map(move |p| (s, p))).collect();
-    pairs
-        .par_iter()
-        .map(|&(s, p)| {
-            let pair = Pair {
-                scene,
-                geometry,
-                spectra: &spectra,
-                kind: &scene.sources[s].kind,
-                source: &sources[s],
-                probe: &probes[p],
-                order: reflection_order,
-            };
-            let (mut paths, mut waves) = specular(&pair, scene.probes[p].position_m);
-            if scene.simulation.diffraction_order > 0 {
-                edge::add(&pair, &reaches, &mut paths, &mut waves);
-                chain::add(&pair, &mut paths, &mut waves);
-            }
-            let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
-            for gap in &gaps {
-                paths.extend(gap.paths(&pair, &mut waves));
-            }
-            let intensity = if scene.adds_pressures() {
-                let fewest = if scene.simulation.transport == Transport::Utd { wave::MANY } else { wave::FEW };
-                wave::together(&mut waves, &spectra, fewest, |k| {
-                    line_scale(&scene.sources[s], scene.probes[p].position_m, k)
-                })
-            } else {
-                (0..spectra.len()).map(|b| paths.iter().map(|p| p.intensity[b]).sum()).collect()
-            };
-            Early { paths: tidy(paths), intensity }
-        })
-        .collect()
+    Prepared::new(scene, geometry, reflection_order).find()
+}
+
+impl<'a> Prepared<'a> {
+    /// `reflection_order`: specular reflections on a path at most.
+    pub fn new(scene: &'a Scene, geometry: &'a Geometry, reflection_order: usize) -> Self {
+        let spectra: Vec<Spectrum> =
+            scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
+        let gaps = if scene.simulation.diffraction_order > 0 { Gap::find(scene, geometry) } else { Vec::new() };
+        Self { scene, geometry, order: reflection_order, nodes: Nodes::of(&spectra), spectra, gaps }
+    }
+
+    /// Drops what is known of single sources and probes: only what belongs to the openings themselves is kept.
+    pub fn forget_points(&self) {
+        self.gaps.iter().for_each(Gap::forget_points);
+    }
+
+    /// All deterministic paths, one list for every (source, probe), sources slowest.
+    pub fn find(&self) -> Vec<Early> {
+        let &Self { scene, geometry, order, .. } = self;
+        let reaches = edge_reach(scene, geometry);
+        let probes: Vec<ImageTree> =
+            scene.probes.par_iter().map(|p| ImageTree::of_probe(p.position_m, geometry, order)).collect();
+        let sources: Vec<ImageTree> =
+            scene.sources.par_iter().map(|s| ImageTree::of_source(s, geometry, order)).collect();
+        let pairs: Vec<(usize, usize)> =
+            (0..sources.len()).flat_map(|s| (0..probes.len()).map(move |p| (s, p))).collect();
+        pairs
+            .par_iter()
+            .map(|&(s, p)| {
+                let pair = Pair {
+                    scene,
+                    geometry,
+                    spectra: &self.spectra,
+                    nodes: &self.nodes,
+                    kind: &scene.sources[s].kind,
+                    source: &sources[s],
+                    probe: &probes[p],
+                    order,
+                };
+                self.between(&pair, &scene.sources[s], scene.probes[p].position_m, &reaches)
+            })
+            .collect()
+    }
+
+    /// The paths of one pair.
+    fn between(&self, pair: &Pair<'_>, source: &Source, probe_m: DVec3, reaches: &[EdgeReach]) -> Early {
+        let scene = self.scene;
+        let (mut paths, mut waves) = specular(pair, probe_m);
+        if scene.simulation.diffraction_order > 0 {
+            edge::add(pair, reaches, &mut paths, &mut waves);
+            chain::add(pair, &mut paths, &mut waves);
+        }
+        let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
+        for gap in &self.gaps {
+            paths.extend(gap.paths(pair, &mut waves));
+        }
+        let intensity = if scene.adds_pressures() {
+            let utd = scene.simulation.transport == Transport::Utd;
+            let adding = if utd { Adding::Frequencies } else { Adding::Means };
+            wave::together(&mut waves, pair.spectra, pair.nodes, adding, |k| line_scale(source, probe_m, k))
+        } else {
+            (0..pair.spectra.len()).map(|b| paths.iter().map(|p| p.intensity[b]).sum()).collect()
+        };
+        Early { paths: tidy(paths), intensity }
+    }
 }
 
 /// From |p|^2 over that of the free field at 1 m to the intensity relative to it: 1 but for line sources, whose free field is
@@ -100,7 +140,7 @@ fn line_scale(source: &Source, receiver: DVec3, k: f64) -> f64 {
     match source.kind {
         SourceKind::Line(_) => {
             let (length_m, free) = spreading(&Origin::At(source.position_m), &source.kind, receiver);
-            free / wedge::free_wave(wedge::Wave::Line, length_m, k).norm_sqr()
+            free / wedge::free_amplitude(wedge::Wave::Line, length_m, k).norm_sqr()
         }
         _ => 1.0,
     }
@@ -150,11 +190,16 @@ fn specular<'a>(pair: &Pair<'a>, receiver: DVec3) -> (Vec<Specular>, Vec<Wave<'a
                 SourceKind::Plane(_) => wedge::Wave::Plane,
             };
             // The pressure reflection factor of a face is the root of the share it reflects, in phase.
-            waves.push(Wave {
-                length_m,
-                wander_m: 0.0,
-                pressure: Box::new(move |band, k| shares[band].sqrt() * wedge::free_wave(wave, length_m, k)),
-            });
+            let sound = if scene.simulation.transport == Transport::Utd {
+                Sound::at(move |band, k| shares[band].sqrt() * wedge::free_wave(wave, length_m, k))
+            } else {
+                let amplitude = |(nodes, share): (&Nodes, &f64)| {
+                    let root = share.sqrt();
+                    nodes.map(|k| root * wedge::free_amplitude(wave, length_m, k))
+                };
+                Sound::Smooth(pair.nodes.iter().zip(&shares).map(amplitude).collect())
+            };
+            waves.push(Wave { length_m, wander_m: 0.0, sound });
         }
     }
     (paths, waves)

@@ -12,7 +12,7 @@ use num_complex::Complex64;
 use super::Pair;
 use super::gap::{Gap, SIGHT_PLACES};
 use super::images::{ImageTree, Loss, Origin};
-use super::wave::Wave;
+use super::wave::{Sound, Wave};
 use crate::geometry::{Element, Geometry, Portal, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, Transport};
@@ -115,6 +115,12 @@ impl Rectangles {
         self.mirrored = Some(Mirrored { x, y: Mask::new(&[low_high(*y_m, sides_y)]), factors, bands: unsolved(scene) });
     }
 
+    /// Drops what the exact rectangles know of single points.
+    pub(super) fn forget_points(&self) {
+        let mirrored = self.mirrored.iter().flat_map(|m| &m.bands);
+        self.bands.iter().chain(mirrored).filter_map(OnceLock::get).for_each(Rectangle::forget_points);
+    }
+
     /// All paths from the source's images to the probe's images through the openings with at most `order` reflections.
     ///
     /// Where pressures are asked for, the same as pressures to `waves`.
@@ -186,7 +192,7 @@ impl Rectangles {
                     waves.push(Wave {
                         length_m: r1 + r2,
                         wander_m: rays.detour_m(),
-                        pressure: Box::new(move |band, k| amplitudes[band] * rays.pressure(k)),
+                        sound: Sound::at(move |band, k| amplitudes[band] * rays.pressure(k)),
                     });
                 } else if scene.adds_pressures() {
                     // The phase is that of the shortest way.
@@ -194,7 +200,7 @@ impl Rectangles {
                     waves.push(Wave {
                         length_m: r1 + r2,
                         wander_m: 0.0,
-                        pressure: Box::new(move |band, k| Complex64::from_polar(amplitudes[band], k * (r1 + r2))),
+                        sound: Sound::at(move |band, k| Complex64::from_polar(amplitudes[band], k * (r1 + r2))),
                     });
                 }
                 // The frequency grid and the panels are converged to this; the model itself: docs/verification.md.

@@ -2,6 +2,7 @@
 
 use num_complex::Complex64;
 
+use super::smooth::{NODES, Nodes, Smooth, polynomials, turn};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::slit::gauss_nodes;
 
@@ -9,14 +10,16 @@ use crate::wbsdf::slit::gauss_nodes;
 /// over a band leaves little of.
 const MOST_FREQUENCIES: usize = 4096;
 /// Frequencies a band that resolve the interference about one edge or opening.
-pub(super) const FEW: usize = 8;
+const FEW: usize = 8;
 /// Those of the coherent second opinion, which takes every wave at every frequency.
-pub(super) const MANY: usize = 32;
+const MANY: usize = 32;
 /// Waves below this share of the strongest one are left out: together with it 0.0002 dB.
 const FEEBLE: f64 = 1e-5;
 /// Radians of phase over a band, between two ways, from which on their interference is forgotten: its mean is below
 /// 2/FORGOTTEN. Tones forget nothing.
 const FORGOTTEN: f64 = 400.0;
+/// Radians of phase over a band by which a wave may turn that is still smooth.
+const SMOOTH: f64 = 0.5;
 /// Radians of phase over a band for which one Gauss node more is needed.
 const PER_RADIAN: f64 = 0.7;
 
@@ -26,54 +29,151 @@ pub(super) struct Wave<'a> {
     pub(super) length_m: f64,
     /// By how much in m the ways differ that it is made of.
     pub(super) wander_m: f64,
-    /// Pressure in a band (by its index: materials and air) at a wave number in 1/m, relative to the free field's modulus over
-    /// 1 m; the phase is that of the whole way.
-    pub(super) pressure: Box<dyn Fn(usize, f64) -> Complex64 + Send + Sync + 'a>,
+    /// Relative to the free field's modulus over 1 m.
+    pub(super) sound: Sound<'a>,
+}
+
+/// Pressure in a band (by its index: materials and air) at a wave number in 1/m.
+type Pressure<'a> = Box<dyn Fn(usize, f64) -> Complex64 + Send + Sync + 'a>;
+
+/// How a wave depends on frequency.
+pub(super) enum Sound<'a> {
+    /// A pressure with the phase of the whole way.
+    At(Pressure<'a>),
+    /// Amplitudes without the phase of the way's length, one set a band.
+    Smooth(Vec<Smooth>),
+}
+
+impl<'a> Sound<'a> {
+    pub(super) fn at(pressure: impl Fn(usize, f64) -> Complex64 + Send + Sync + 'a) -> Self {
+        Self::At(Box::new(pressure))
+    }
+}
+
+/// How the pressures of a source's paths are added up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Adding {
+    /// Products of two waves have closed means over the band.
+    Means,
+    /// Every wave at every one of many frequencies.
+    Frequencies,
+}
+
+/// A wave in one band.
+struct Heard<'w, 'a> {
+    wave: &'w Wave<'a>,
+    smooth: Option<Smooth>,
+    strength: f64,
 }
 
 /// Band means of |sum of all waves|^2 times `scale(k)`, one a band.
 ///
-/// Each wave without the phase of its length is smooth: it is taken at a few Gauss nodes and interpolated to as many
-/// frequencies as the differences of the ways ask for. Between ways that differ by so much that the mean over the band leaves
-/// less than 1/200 of their interference, none is reckoned.
-/// `fewest`: frequencies a band at least; from [`MANY`] on every wave is taken at every one of them.
+/// Each wave without the phase of its length is smooth: it is taken at a few Gauss nodes. Where there are few waves the mean of
+/// every product of two is closed; else each is interpolated to as many frequencies as the differences of the ways ask for.
+/// Between ways that differ by so much that the mean over the band leaves less than 1/200 of their interference, none is
+/// reckoned.
 pub(super) fn together(
     waves: &mut [Wave<'_>],
     spectra: &[Spectrum],
-    fewest: usize,
+    nodes: &[Nodes],
+    adding: Adding,
     scale: impl Fn(f64) -> f64,
 ) -> Vec<f64> {
     waves.sort_by(|a, b| a.length_m.total_cmp(&b.length_m));
-    let mean = |(band, spectrum): (usize, &Spectrum)| -> f64 {
-        let apart_m = FORGOTTEN / (spectrum.high_k() - spectrum.low_k());
-        // What an edge sends is strongest at the longest waves.
-        let strengths: Vec<f64> = waves.iter().map(|w| (w.pressure)(band, spectrum.low_k()).norm()).collect();
-        let feeble = FEEBLE * strengths.iter().fold(0.0_f64, |a, b| a.max(*b));
-        let heard: Vec<&Wave<'_>> =
-            waves.iter().zip(&strengths).filter(|(_, s)| **s > feeble).map(|(w, _)| w).collect();
-        let clusters = heard.chunk_by(|a, b| b.length_m - a.length_m - a.wander_m < apart_m);
-        clusters.map(|cluster| coherent(cluster, band, spectrum, fewest, &scale)).sum()
+    let mean = |(band, (spectrum, nodes)): (usize, (&Spectrum, &Nodes))| -> f64 {
+        let dk = spectrum.high_k() - spectrum.low_k();
+        let heard = |wave| Heard::new(wave, band, spectrum, nodes, adding);
+        let mut heard: Vec<Heard<'_, '_>> = waves.iter().map(heard).collect();
+        let feeble = FEEBLE * heard.iter().fold(0.0_f64, |a, h| a.max(h.strength));
+        heard.retain(|h| h.strength > feeble);
+        let scales = nodes.scale(&scale);
+        let apart_m = FORGOTTEN / dk;
+        let clusters = heard.chunk_by(|a, b| b.wave.length_m - a.wave.length_m - a.wave.wander_m < apart_m);
+        clusters
+            .map(|cluster| match closed(cluster, spectrum) {
+                true if adding == Adding::Means => products(cluster, nodes, &scales),
+                _ => coherent(cluster, band, spectrum, nodes, adding, &scale),
+            })
+            .sum()
     };
-    spectra.iter().enumerate().map(mean).collect()
+    spectra.iter().zip(nodes).enumerate().map(mean).collect()
 }
 
-fn coherent(waves: &[&Wave<'_>], band: usize, spectrum: &Spectrum, fewest: usize, scale: &impl Fn(f64) -> f64) -> f64 {
-    let shortest = waves.iter().map(|w| w.length_m).fold(f64::INFINITY, f64::min);
-    let longest = waves.iter().map(|w| w.length_m + w.wander_m).fold(shortest, f64::max);
-    let (low, high) = (spectrum.low_k(), spectrum.high_k());
-    let nodes: Vec<(f64, f64)> = gauss_nodes(low, high, frequencies(fewest, high - low, longest - shortest)).collect();
-    let mut sum = vec![Complex64::ZERO; nodes.len()];
-    for wave in waves {
-        let envelope = |k: f64| (wave.pressure)(band, k) * Complex64::from_polar(1.0, -k * wave.length_m);
-        let turned = |k: f64, value: Complex64| value * Complex64::from_polar(1.0, k * (wave.length_m - shortest));
-        let count = frequencies(fewest, high - low, wave.wander_m);
-        if fewest >= MANY || count >= nodes.len() {
-            for (sum, (k, _)) in sum.iter_mut().zip(&nodes) {
-                *sum += turned(*k, envelope(*k));
+impl<'w, 'a> Heard<'w, 'a> {
+    fn new(wave: &'w Wave<'a>, band: usize, spectrum: &Spectrum, nodes: &Nodes, adding: Adding) -> Self {
+        let dk = spectrum.high_k() - spectrum.low_k();
+        let smooth = match &wave.sound {
+            Sound::Smooth(bands) => Some(bands[band]),
+            Sound::At(pressure) if adding == Adding::Means && dk * wave.wander_m < SMOOTH => {
+                Some(nodes.map(|k| pressure(band, k) * turn(-k * wave.length_m)))
             }
-            continue;
+            Sound::At(_) => None,
+        };
+        // What an edge sends is strongest at the longest waves.
+        let strength = match (&smooth, &wave.sound) {
+            (Some(values), _) => values[0].norm(),
+            (None, Sound::At(pressure)) => pressure(band, spectrum.low_k()).norm(),
+            (None, Sound::Smooth(_)) => 0.0,
+        };
+        Self { wave, smooth, strength }
+    }
+}
+
+/// Whether the closed means of all products cost less than the frequencies that the ways ask for.
+fn closed(waves: &[Heard<'_, '_>], spectrum: &Spectrum) -> bool {
+    let frequencies = frequencies(FEW, spectrum.high_k() - spectrum.low_k(), span_m(waves));
+    waves.len() <= 2 * frequencies && waves.iter().all(|h| h.smooth.is_some())
+}
+
+/// Difference in m between the shortest and the longest way.
+fn span_m(waves: &[Heard<'_, '_>]) -> f64 {
+    let shortest = waves.iter().map(|h| h.wave.length_m).fold(f64::INFINITY, f64::min);
+    waves.iter().map(|h| h.wave.length_m + h.wave.wander_m - shortest).fold(0.0, f64::max)
+}
+
+/// By the means of the products of two waves each.
+fn products(waves: &[Heard<'_, '_>], nodes: &Nodes, scale: &[f64; NODES]) -> f64 {
+    let known = || waves.iter().filter_map(|h| Some((h.wave.length_m, h.smooth.as_ref()?)));
+    let mut sum = 0.0;
+    for (i, (length_m, values)) in known().enumerate() {
+        sum += nodes.power(values, scale);
+        for (other_m, others) in known().take(i) {
+            sum += 2.0 * nodes.product(values, others, length_m - other_m, scale);
         }
-        let series = Legendre::through([low, high], count, envelope);
+    }
+    sum
+}
+
+fn coherent(
+    waves: &[Heard<'_, '_>],
+    band: usize,
+    spectrum: &Spectrum,
+    smooth: &Nodes,
+    adding: Adding,
+    scale: &impl Fn(f64) -> f64,
+) -> f64 {
+    let shortest = waves.iter().map(|h| h.wave.length_m).fold(f64::INFINITY, f64::min);
+    let (low, high) = (spectrum.low_k(), spectrum.high_k());
+    let fewest = if adding == Adding::Frequencies { MANY } else { FEW };
+    let nodes: Vec<(f64, f64)> = gauss_nodes(low, high, frequencies(fewest, high - low, span_m(waves))).collect();
+    let mut sum = vec![Complex64::ZERO; nodes.len()];
+    for Heard { wave, smooth: values, .. } in waves {
+        let turned = |k: f64, value: Complex64| value * turn(k * (wave.length_m - shortest));
+        let series = match (values, &wave.sound) {
+            (Some(values), _) => Legendre::through([low, high], smooth.k.iter().copied().zip(*values)),
+            (None, Sound::Smooth(_)) => continue,
+            (None, Sound::At(pressure)) => {
+                let envelope = |k: f64| pressure(band, k) * turn(-k * wave.length_m);
+                let count = frequencies(fewest, high - low, wave.wander_m);
+                if adding == Adding::Frequencies || count >= nodes.len() {
+                    for (sum, (k, _)) in sum.iter_mut().zip(&nodes) {
+                        *sum += pressure(band, *k) * turn(-k * shortest);
+                    }
+                    continue;
+                }
+                Legendre::through([low, high], gauss_nodes(low, high, count).map(|(k, _)| (k, envelope(k))))
+            }
+        };
         for (sum, (k, _)) in sum.iter_mut().zip(&nodes) {
             *sum += turned(*k, series.at(*k));
         }
@@ -98,32 +198,26 @@ struct Legendre {
 }
 
 impl Legendre {
-    /// Through the values of `f` at `count` Gauss nodes.
-    fn through([low, high]: [f64; 2], count: usize, f: impl Fn(f64) -> Complex64) -> Self {
+    /// Through values at Gauss nodes.
+    fn through([low, high]: [f64; 2], values: impl Iterator<Item = (f64, Complex64)>) -> Self {
         let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
-        let mut coefficients = vec![Complex64::ZERO; count];
-        for (k, weight) in gauss_nodes(low, high, count) {
-            let value = f(k) * weight;
-            for (n, (c, p)) in coefficients.iter_mut().zip(polynomials((k - middle) / half)).enumerate() {
-                *c += value * (p * (2 * n + 1) as f64);
+        let values: Vec<(f64, Complex64)> = values.collect();
+        let mut coefficients = vec![Complex64::ZERO; values.len()];
+        if half == 0.0 {
+            coefficients.truncate(1);
+        }
+        for ((k, value), (_, weight)) in values.iter().zip(gauss_nodes(low, high, values.len())) {
+            let x = if half > 0.0 { (k - middle) / half } else { 0.0 };
+            for (n, (c, p)) in coefficients.iter_mut().zip(polynomials(x)).enumerate() {
+                *c += value * (weight * p * (2 * n + 1) as f64);
             }
         }
-        Self { middle, half, coefficients }
+        Self { middle, half: if half > 0.0 { half } else { 1.0 }, coefficients }
     }
 
     fn at(&self, k: f64) -> Complex64 {
         self.coefficients.iter().zip(polynomials((k - self.middle) / self.half)).map(|(c, p)| c * p).sum()
     }
-}
-
-/// P_0(x), P_1(x), ...
-fn polynomials(x: f64) -> impl Iterator<Item = f64> {
-    let mut state = (1.0, x, 1.0);
-    std::iter::from_fn(move || {
-        let (p, next, n) = state;
-        state = (next, ((2.0 * n + 1.0) * x * next - n * p) / (n + 1.0), n + 1.0);
-        Some(p)
-    })
 }
 
 #[cfg(test)]
@@ -137,16 +231,19 @@ mod tests {
             let wave = |length_m: f64| Wave {
                 length_m,
                 wander_m: 0.0,
-                pressure: Box::new(move |_, k| Complex64::from_polar(1.0 / length_m, k * length_m)),
+                sound: Sound::at(move |_, k| Complex64::from_polar(1.0 / length_m, k * length_m)),
             };
             let (a, b) = (5.0, 5.0 + apart);
-            let got = together(&mut [wave(a), wave(b)], &[spectrum], FEW, |_| 1.0)[0];
+            let sum =
+                |adding| together(&mut [wave(a), wave(b)], &[spectrum], &Nodes::of(&[spectrum]), adding, |_| 1.0)[0];
             // Mean of cos(k d): sin(dk d/2)/(dk d/2) cos(k_c d).
             let half = 0.5 * (spectrum.high_k() - spectrum.low_k()) * apart;
             let sinc = if half > 0.0 { half.sin() / half } else { 1.0 };
             let cos = sinc * (0.5 * (spectrum.high_k() + spectrum.low_k()) * apart).cos();
             let expected = 1.0 / (a * a) + 1.0 / (b * b) + 2.0 * cos / (a * b);
-            assert!((got - expected).abs() < 1e-9, "{apart}: {got} {expected}");
+            for got in [sum(Adding::Means), sum(Adding::Frequencies)] {
+                assert!((got - expected).abs() < 1e-9, "{apart}: {got} {expected}");
+            }
         }
     }
 }

@@ -1,7 +1,8 @@
 //! The program against exact solutions: every reference case with every transport, its errors and its time per level.
 //!
 //! The cases and their exact levels stand in `reference/*.csv`, each with its method. A case is run as a user would run it, from
-//! the text of a room file; the time is that of the deterministic paths and levels on one thread.
+//! the text of a room file; the time is that of the deterministic paths and levels on one thread, apart from that of what all
+//! sources and probes of a scene share.
 
 mod cases;
 mod measure;
@@ -21,7 +22,7 @@ use crate::scene::{RAY_TOLERANCE, Transport};
 
 pub use cases::{Case, Reference};
 pub use measure::{Measured, Method};
-pub use summary::{Bar, Quantiles, Ratio};
+pub use summary::{Bar, Quantiles, Ratio, SetUp};
 
 /// How much is run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -125,6 +125,15 @@ fn bars(out: &mut String, verified: &Verified) {
         ];
         row(out, &what, cells.into_iter());
     }
+    if let Some(set_up) = verified.set_up() {
+        let cells = [
+            format!("{} cases", set_up.cases),
+            format!("≤ {}", time(Some(set_up.most_wanted_s))),
+            format!("{} <small>(median {})</small>", time(Some(set_up.longest_s)), time(Some(set_up.median_s))),
+            verdict(set_up.met()),
+        ];
+        row(out, "set-up of a scene, octave bands: the longest", cells.into_iter());
+    }
     put!(out, "{CLOSE_TABLE}");
 }
 
@@ -190,8 +199,12 @@ fn pareto(out: &mut String, verified: &Verified) -> Result<()> {
 }
 
 fn by_method(out: &mut String, verified: &Verified) {
-    let caption = "Median / 90th percentile / largest error in dB; time per level of the octave bands on one thread";
-    open_table(out, caption, &columns(&["transport, tolerance", "levels", "octave bands", "tones", "time per level"]));
+    let caption = "Median / 90th percentile / largest error in dB; time per level of the octave bands on one thread, and the longest set-up of a scene";
+    open_table(
+        out,
+        caption,
+        &columns(&["transport, tolerance", "levels", "octave bands", "tones", "time per level", "set-up"]),
+    );
     for method in &verified.methods {
         let octaves = verified.errors(method, |e| e.octave());
         let timed = verified.trials_of(method).filter(|t| t.case.mean == "octave");
@@ -199,7 +212,8 @@ fn by_method(out: &mut String, verified: &Verified) {
             octaves.map_or(0, |q| q.levels).to_string(),
             cell(errors(octaves)),
             cell(errors(verified.errors(method, |e| !e.octave()))),
-            time(Verified::time_per_level_s(timed)),
+            time(Verified::time_per_level_s(timed.clone())),
+            time(Verified::set_up_s(timed)),
         ];
         row(out, &method.label(), cells.into_iter());
     }
@@ -216,13 +230,15 @@ fn by_case(out: &mut String, verified: &Verified) {
     let methods = shown(verified);
     let mut header = columns(&["case"]);
     header.extend(methods.iter().map(|m| m.name.to_owned()));
-    let caption = "90th percentile / largest error in dB; below it the time per level";
+    let caption =
+        "90th percentile / largest error in dB; below it the time per level, and the longest set-up of a scene";
     open_table(out, caption, &header);
     for kind in verified.kinds() {
         let of = |m: &&Method| {
             let Some(q) = verified.errors(m, |e| e.trial.kind() == kind) else { return "–".to_owned() };
             let timed = verified.trials_of(m).filter(|t| t.kind() == kind);
-            format!("{}<br><small>{}</small>", cell(high(Some(q))), time(Verified::time_per_level_s(timed)))
+            let (level, set_up) = (Verified::time_per_level_s(timed.clone()), Verified::set_up_s(timed));
+            format!("{}<br><small>{} + {}</small>", cell(high(Some(q))), time(level), time(set_up))
         };
         row(out, &escaped(&case_name(kind)), methods.iter().map(of));
     }
@@ -260,9 +276,11 @@ fn notes(out: &mut String, verified: &Verified) {
         "Beside a rigid face the exact level is that of direct, reflected and diffracted sound together; these rooms have \
          <code>interference = true</code>."
             .to_owned(),
-        "The time is that of one run (paths and levels) on one thread, divided by probes × bands: the quickest of the repetitions within \
-         5 ms. Reading the room file and building the geometry are not in it; what probes share, as the solved field of a narrow opening, is. \
-         Levels that the tables do not have are computed all the same and count in the division."
+        "The time is that of one run (image sources, paths and levels) on one thread, divided by probes × bands: the quickest of the \
+         repetitions within 4 ms. Reading the room file and building the geometry are not in it, and neither are tables that belong to an \
+         opening and a band alone; a first run with new tables takes longer by the set-up. What belongs to one source or one probe is found \
+         anew in every run. The uniform theory has no tables, and the exact transport factorises its matrices for every level anew. \
+         Levels that the reference does not have are computed all the same and count in the division."
             .to_owned(),
         format!(
             "The exact transport is run for the first {} probes of a case, one case of each kind before the next, for at most {} s; its \

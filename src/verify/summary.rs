@@ -72,6 +72,26 @@ impl Bar {
     }
 }
 
+/// Time in which the tables of a scene's openings are made, which all its sources and probes share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SetUp {
+    /// Bound of `longest_s` from above.
+    pub most_wanted_s: f64,
+    /// Median of the cases in s.
+    pub median_s: f64,
+    /// Longest of a case in s.
+    pub longest_s: f64,
+    /// Number of cases.
+    pub cases: usize,
+}
+
+impl SetUp {
+    /// Whether the bound is kept.
+    pub fn met(&self) -> bool {
+        self.longest_s <= self.most_wanted_s
+    }
+}
+
 /// How many times longer another transport takes for a level, octave bands of the cases that both ran.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ratio {
@@ -148,6 +168,24 @@ impl Verified {
         let (time_s, levels) =
             trials.fold((0.0, 0), |(t, n), trial| (t + trial.measured.time_s, n + trial.measured.computed));
         (levels > 0).then(|| time_s / levels as f64)
+    }
+
+    /// Longest time in s in which the tables of a scene's openings are made, over these trials; `None` without any.
+    pub(super) fn set_up_s<'a>(trials: impl Iterator<Item = &'a Trial>) -> Option<f64> {
+        trials.map(|trial| trial.measured.set_up_s).reduce(f64::max)
+    }
+
+    /// What the tables of signed rays may cost, octave bands: `None` without such cases.
+    pub fn set_up(&self) -> Option<SetUp> {
+        let octaves = self.trials_of(self.standard()?).filter(|t| t.case.mean == "octave");
+        let mut times_s: Vec<f64> = octaves.map(|t| t.measured.set_up_s).collect();
+        times_s.sort_by(f64::total_cmp);
+        Some(SetUp {
+            most_wanted_s: 0.2,
+            median_s: *times_s.get(times_s.len() / 2)?,
+            longest_s: *times_s.last()?,
+            cases: times_s.len(),
+        })
     }
 
     /// How much faster signed rays are.

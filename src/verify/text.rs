@@ -8,7 +8,8 @@ use super::{Extent, Verified};
 use crate::report::console::table;
 use crate::report::notation;
 
-/// One row a kind of case, band, region and transport. The time is that of all bands and regions of the kind together.
+/// One row a kind of case, band, region and transport. The times are those of all bands and regions of the kind
+/// together, for the set-up the longest of its scenes.
 pub(super) fn write_csv(out: &mut dyn io::Write, verified: &Verified) -> io::Result<()> {
     let mut csv = csv::Writer::from_writer(out);
     csv.write_record([
@@ -24,11 +25,13 @@ pub(super) fn write_csv(out: &mut dyn io::Write, verified: &Verified) -> io::Res
         "p90_db",
         "max_db",
         "time_us_per_level",
+        "set_up_ms",
     ])?;
     for kind in verified.kinds() {
         for method in &verified.methods {
             let of_kind = || verified.entries(method).filter(|e| e.trial.kind() == kind);
             let time_s = Verified::time_per_level_s(verified.trials_of(method).filter(|t| t.kind() == kind));
+            let set_up_s = Verified::set_up_s(verified.trials_of(method).filter(|t| t.kind() == kind)).unwrap_or(0.0);
             let mut groups: Vec<(f64, &str)> = of_kind().map(|e| (e.level.band_hz, e.level.region)).collect();
             groups.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(b.1)));
             groups.dedup();
@@ -51,6 +54,7 @@ pub(super) fn write_csv(out: &mut dyn io::Write, verified: &Verified) -> io::Res
                     format!("{:.5}", q.p90_db),
                     format!("{:.5}", q.max_db),
                     format!("{:.3}", time_s * 1e6),
+                    format!("{:.4}", set_up_s * 1e3),
                 ])?;
             }
         }
@@ -114,7 +118,8 @@ pub(super) fn tables(verified: &Verified) -> String {
         text.push_str(&format!("\n{title}\n{}\n", table.trim_fmt()));
     };
 
-    let mut methods = table(header(&["transport", "levels", "all octave bands", "tones", "time per level"]), 1);
+    let mut methods =
+        table(header(&["transport", "levels", "all octave bands", "tones", "time per level", "set-up"]), 1);
     for method in &verified.methods {
         let octaves = verified.errors(method, |e| e.octave());
         methods.add_row([
@@ -123,9 +128,10 @@ pub(super) fn tables(verified: &Verified) -> String {
             errors(octaves),
             errors(verified.errors(method, |e| !e.octave())),
             time(Verified::time_per_level_s(verified.trials_of(method).filter(|t| t.case.mean == "octave"))),
+            time(Verified::set_up_s(verified.trials_of(method).filter(|t| t.case.mean == "octave"))),
         ]);
     }
-    add("By transport and ray budget", methods);
+    add("By transport and ray budget; the longest set-up of a scene (tables that all its probes share)", methods);
 
     let Some(standard) = verified.standard() else { return text };
     let others = || verified.methods.iter().filter(|m| m.name != standard.name && m.name != "geometric");
@@ -133,12 +139,13 @@ pub(super) fn tables(verified: &Verified) -> String {
     let timed = |name: &str| name != "paraxial";
     let heads =
         |name: &str| std::iter::once(name.to_owned()).chain(timed(name).then(|| "time".to_owned())).collect::<Vec<_>>();
-    let names = ["case", "wbsdf", "time"].into_iter().map(str::to_owned);
+    let names = ["case", "wbsdf", "time", "set-up"].into_iter().map(str::to_owned);
     let mut cases = table(names.chain(others().flat_map(|m| heads(m.name))).collect(), 1);
     for kind in verified.kinds() {
         let time_of = |m: &Method| time(Verified::time_per_level_s(verified.trials_of(m).filter(|t| t.kind() == kind)));
         let of = |m: &Method| verified.errors(m, |e| e.trial.kind() == kind);
-        let own = [case_name(kind), high(of(standard)), time_of(standard)];
+        let set_up = time(Verified::set_up_s(verified.trials_of(standard).filter(|t| t.kind() == kind)));
+        let own = [case_name(kind), high(of(standard)), time_of(standard), set_up];
         let other = |m: &Method| {
             let p90 = of(m).map_or("–".to_owned(), |q| error(q.p90_db));
             std::iter::once(p90).chain(timed(m.name).then(|| time_of(m))).collect::<Vec<_>>()
@@ -182,6 +189,15 @@ pub(super) fn tables(verified: &Verified) -> String {
             format!("≥ {}", times(ratio.least_wanted)),
             format!("{} ({}; {})", times(ratio.median), times(ratio.least), times(ratio.overall)),
             met(ratio.met()).to_owned(),
+        ]);
+    }
+    if let Some(set_up) = verified.set_up() {
+        bars.add_row([
+            format!("set-up of a scene, {} cases", set_up.cases),
+            String::new(),
+            format!("≤ {}", time(Some(set_up.most_wanted_s))),
+            format!("{} (median {})", time(Some(set_up.longest_s)), time(Some(set_up.median_s))),
+            met(set_up.met()).to_owned(),
         ]);
     }
     add("What is asked of wbsdf: 90th percentile / max; times: median of cases (least; all together)", bars);

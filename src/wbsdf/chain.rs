@@ -170,17 +170,20 @@ impl Chain {
     }
 
     /// Upper bound of |p/p_free|^2 over the whole way at wave number `k` across the edges, in the shadow of both: each edge by
-    /// Keller's 1/(2 pi sqrt N) of its own detour, twice as much for a face and twice for another.
+    /// Keller's 1/(2 pi sqrt N) of its own detour, twice as much for a face and twice for another, and by Keller's coefficient
+    /// with all its terms of one sign.
     pub fn bound(&self, k: f64) -> f64 {
-        let [[source, between], [back, receiver]] = self.about();
-        [[source, between], [back, receiver]]
-            .map(|ends| {
-                let over = past_m(ends);
-                let fresnel = k * over.max(0.0) / PI;
-                (4.0 / (PI * PI * fresnel.max(1e-9))).min(16.0)
-            })
-            .iter()
-            .product()
+        let ratio = |([a, b], corner): ([AboutEdge; 2], &Corner)| {
+            let fresnel = k * past_m([a, b]).max(0.0) / PI;
+            let n = corner.exterior_angle / PI;
+            let (difference, sum) = (a.phi - b.phi, a.phi + b.phi);
+            let angles = [PI + difference, PI - difference, PI + sum, PI - sum];
+            let cotangents: f64 = angles.iter().map(|angle| (0.5 * angle / n).tan().abs().recip()).sum();
+            let parameter_m = 1.0 / (1.0 / a.r_m + 1.0 / b.r_m);
+            let keller = (0.5 * cotangents / n).powi(2) / (TAU * k * parameter_m);
+            (4.0 / (PI * PI * fresnel.max(1e-9))).min(16.0).min(keller)
+        };
+        self.about().into_iter().zip(&self.corners).map(ratio).product()
     }
 
     /// Source and receiver about the edge that shades if only one does, and that edge's angle of air.

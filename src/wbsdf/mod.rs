@@ -3,6 +3,7 @@
 pub mod aperture;
 pub mod chain;
 pub mod crossing;
+mod descent;
 pub mod edge;
 mod factors;
 mod hankel;

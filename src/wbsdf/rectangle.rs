@@ -135,6 +135,12 @@ impl Rectangle {
         self.parts.get(i).unwrap_or(self)
     }
 
+    /// Drops what it knows of the points it has met.
+    pub fn forget_points(&self) {
+        self.met.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        self.parts.iter().for_each(Self::forget_points);
+    }
+
     fn rim(&self, source: DVec3, receiver: DVec3) -> f64 {
         let new = || Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum);
         self.rim.get_or_init(new).intensity(source, receiver)

@@ -187,9 +187,14 @@ impl Diffracted {
 
     /// Pressure at wave number `k`, whose root is `root_k`.
     pub(super) fn at(&self, k: f64, root_k: f64) -> Complex64 {
+        self.amplitude_at(root_k) * Complex64::from_polar(1.0, k * self.length_m)
+    }
+
+    /// The same without the phase of its length.
+    fn amplitude_at(&self, root_k: f64) -> Complex64 {
         let sum: Complex64 =
             self.terms[..self.count].iter().map(|&(weight, root)| transition(root_k * root).over_root * weight).sum();
-        self.amplitude * sum * Complex64::from_polar(1.0, k * self.length_m)
+        self.amplitude * sum
     }
 }
 
@@ -263,6 +268,11 @@ impl WedgeRays {
             reflected_b: self.reflected[1].at(k),
             diffracted: self.diffracted.at(k, k.sqrt()),
         }
+    }
+
+    /// The ray over the edge alone, without the phase of its length.
+    pub fn diffracted(&self, k: f64) -> Complex64 {
+        self.diffracted.amplitude_at(k.sqrt())
     }
 
     /// Largest difference in length between two of the rays in m: how fast |p|^2 beats with k.
