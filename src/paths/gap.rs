@@ -1,7 +1,6 @@
 //! Paths through openings: every pair of a source image and a probe image on either side of one.
 
 use std::f64::consts::FRAC_PI_4;
-use std::sync::OnceLock;
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -17,7 +16,8 @@ use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::mask::Mask;
 use crate::wbsdf::quadrature::RaySum;
 use crate::wbsdf::referee;
-use crate::wbsdf::slit::{self, BandApertures};
+use crate::wbsdf::slit;
+use crate::wbsdf::tables::SlitTables;
 use crate::wbsdf::utd;
 use crate::wbsdf::utd_opening::OpeningRays;
 
@@ -29,10 +29,12 @@ pub struct Gap {
     shape: Shape,
     /// What a ray that stands in the opening cannot meet.
     pub(super) skip: Skip,
+    /// Whether there is nothing but the openings' own wall, so that no straight way to them is blocked.
+    alone: bool,
 }
 
 enum Shape {
-    Slits { mask: Mask, depth_m: f64, apertures: Vec<OnceLock<BandApertures>> },
+    Slits(Box<SlitTables>),
     Rectangles(Box<Rectangles>),
 }
 
@@ -43,6 +45,8 @@ impl Gap {
     /// All gaps of the geometry: slits of one plane with parallel edges are joined, and rectangles of one wall with the same
     /// limits along y.
     pub fn find(scene: &Scene, geometry: &Geometry) -> Vec<Self> {
+        let spectra: Vec<Spectrum> =
+            scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
         let mut gaps: Vec<Self> = Vec::new();
         for portal in &geometry.portals {
             let opening = &scene.openings[portal.opening];
@@ -51,10 +55,10 @@ impl Gap {
             let slit = portal.y_m[0].is_infinite() && portal.y_m[1].is_infinite();
             if slit
                 && let Some(other) = gaps.iter_mut().find(|g| g.skip == skip)
-                && let Shape::Slits { mask, .. } = &mut other.shape
+                && let Shape::Slits(tables) = &mut other.shape
             {
-                let all: Vec<[f64; 2]> = mask.openings().iter().copied().chain([portal.x_m]).collect();
-                *mask = Mask::new(&all);
+                let all: Vec<[f64; 2]> = tables.mask().openings().iter().copied().chain([portal.x_m]).collect();
+                **tables = SlitTables::new(Mask::new(&all), tables.thickness_m(), &spectra);
                 other.name = format!("{} + {name}", other.name);
                 continue;
             }
@@ -66,12 +70,13 @@ impl Gap {
                 continue;
             }
             let shape = if slit {
-                let apertures = scene.bands.iter().map(|_| OnceLock::new()).collect();
-                Shape::Slits { mask: Mask::new(&[portal.x_m]), depth_m, apertures }
+                Shape::Slits(Box::new(SlitTables::new(Mask::new(&[portal.x_m]), depth_m, &spectra)))
             } else {
                 Shape::Rectangles(Box::new(Rectangles::new(scene, portal, depth_m)))
             };
-            gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip });
+            let alone = geometry.surfaces.iter().all(|s| s.group == portal.group)
+                && geometry.portals.iter().all(|p| p.group == portal.group);
+            gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip, alone });
         }
         for gap in &mut gaps {
             if let Shape::Rectangles(rectangles) = &mut gap.shape {
@@ -83,8 +88,9 @@ impl Gap {
 
     /// Drops what depends on the points met, so that the next pass takes as long as the first one with new points.
     pub(super) fn forget_points(&self) {
-        if let Shape::Rectangles(rectangles) = &self.shape {
-            rectangles.forget_points();
+        match &self.shape {
+            Shape::Slits(tables) => tables.forget_sources(),
+            Shape::Rectangles(rectangles) => rectangles.forget_points(),
         }
     }
 
@@ -93,20 +99,14 @@ impl Gap {
     /// Where pressures are asked for, the same as pressures to `waves`.
     pub(super) fn paths<'a>(&'a self, pair: &Pair<'a>, waves: &mut Vec<Wave<'a>>) -> Vec<EarlyPath> {
         match &self.shape {
-            Shape::Slits { mask, depth_m, apertures } => self.slit_paths(pair, mask, *depth_m, apertures, waves),
+            Shape::Slits(tables) => self.slit_paths(pair, tables, waves),
             Shape::Rectangles(rectangles) => rectangles.paths(self, pair, waves),
         }
     }
 
-    fn slit_paths<'a>(
-        &self,
-        pair: &Pair<'a>,
-        mask: &'a Mask,
-        depth_m: f64,
-        apertures: &[OnceLock<BandApertures>],
-        waves: &mut Vec<Wave<'a>>,
-    ) -> Vec<EarlyPath> {
+    fn slit_paths<'a>(&self, pair: &Pair<'a>, tables: &'a SlitTables, waves: &mut Vec<Wave<'a>>) -> Vec<EarlyPath> {
         let &Pair { scene, geometry, spectra, kind, source, probe, order, .. } = pair;
+        let (mask, depth_m) = (tables.mask(), tables.thickness_m());
         let mut paths = Vec::new();
         for (s, from) in source.images.iter().enumerate() {
             for (p, to) in
@@ -124,14 +124,12 @@ impl Gap {
                 };
                 let length = shortest(&crossing, mask);
                 let rays = scene.adds_pressures().then(|| OpeningRays::new(mask.openings(), &crossing));
+                let lit = (slit::sin_beta(mask, &crossing) == 1.0).then(|| tables.source(&incident));
                 let mut intensity = Vec::with_capacity(spectra.len());
                 let mut error = Vec::with_capacity(spectra.len());
                 let mut factors = Vec::with_capacity(spectra.len());
                 for (band, spectrum) in spectra.iter().enumerate() {
-                    let solved = || {
-                        let across = slit::sin_beta(mask, &crossing) == 1.0;
-                        across.then(|| apertures[band].get_or_init(|| BandApertures::new(mask, depth_m, spectrum, 1.0)))
-                    };
+                    let solved = || lit.as_deref().map(|lit| tables.band(band, lit, &incident));
                     let tolerance = scene.simulation.ray_tolerance;
                     let sum = match scene.simulation.transport {
                         Transport::Paraxial => slit::paraxial_intensity(mask, &crossing, spectrum, tolerance),
@@ -220,12 +218,15 @@ impl Gap {
         let receiver = self.frame.local(receiver);
         let (mut seen, mut tried) = (0, 0);
         let mut loss = None;
-        let reach = crossing.length_m(crossing.straight_x_m()).abs().max(crossing.z_m);
-        for opening in mask.openings() {
-            let straight = crossing.straight_x_m();
+        let straight = crossing.straight_x_m();
+        let reach = crossing.length_m(straight).abs().max(crossing.z_m);
+        // With nothing in the way all places are like the first.
+        let free = self.alone && source.images[s].planes.is_empty() && probe.images[p].planes.is_empty();
+        let (openings, places) = if free { (1, 1) } else { (mask.openings().len(), SIGHT_PLACES.len()) };
+        for opening in &mask.openings()[..openings] {
             let low = if opening[0].is_finite() { opening[0] } else { straight.min(opening[1]) - reach };
             let high = if opening[1].is_finite() { opening[1] } else { straight.max(opening[0]) + reach };
-            for share in SIGHT_PLACES {
+            for share in &SIGHT_PLACES[..places] {
                 let x = low + share * (high - low);
                 // The ray keeps its direction cosine along y: y divides like the distances across.
                 let y = match crossing.incident {

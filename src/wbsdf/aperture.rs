@@ -89,11 +89,26 @@ impl Aperture {
 
     /// Solves for the incident pressure at the nodes.
     fn solve(&self, p_inc: Vec<Complex64>) -> Solution<'_> {
+        Solution { aperture: self, strengths: self.strengths(p_inc) }
+    }
+
+    /// u dx at the nodes, of its quadrature, for the incident pressure there.
+    pub(super) fn strengths(&self, p_inc: Vec<Complex64>) -> DVector<Complex64> {
         let mut strengths = self.factors.solve(&DVector::from_vec(p_inc));
         for (s, step) in strengths.iter_mut().zip(&self.steps) {
             *s *= *step;
         }
-        Solution { aperture: self, strengths }
+        strengths
+    }
+
+    /// The nodes' places across the openings in m.
+    pub(super) fn positions(&self) -> &[f64] {
+        &self.nodes
+    }
+
+    /// Wave number across the edges in 1/m.
+    pub(super) fn wave_number(&self) -> f64 {
+        self.k
     }
 
     /// Solves for the source of `crossing` in the plane across the edges: unit strength (i/4) H0 for line and point

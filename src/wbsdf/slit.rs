@@ -9,7 +9,9 @@ use num_complex::Complex64;
 use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::mask::{Jambs, Mask};
+use super::multipole::{Lit, Multipoles};
 use super::quadrature::RaySum;
+use super::tables::Solved;
 use super::thick::{ThickAperture, is_thick};
 use super::two_edges::{edge_field, two_edges};
 use super::wedge::coherent;
@@ -153,6 +155,9 @@ pub fn sin_beta(mask: &Mask, crossing: &Crossing) -> f64 {
 /// angle beta between ray and edge.
 pub struct BandApertures {
     nodes: Vec<(f64, Solver)>,
+    openings: Vec<[f64; 2]>,
+    thickness_m: f64,
+    multipoles: OnceLock<Option<Multipoles>>,
 }
 
 /// An exact aperture, thin or deep, at one wave number.
@@ -184,13 +189,32 @@ impl BandApertures {
         let solver = |k: f64| Solver::new(mask, thickness_m, k, 1);
         let most = if openings.len() > FEW && thickness_m == 0.0 { MOST_OF_MANY } else { MOST_FREQUENCIES };
         let nodes = gauss_nodes(low, high, count.min(most)).map(|(k, weight)| (weight, solver(k))).collect();
-        Self { nodes }
+        Self { nodes, openings: openings.to_vec(), thickness_m, multipoles: OnceLock::new() }
     }
 
-    /// Band mean of the intensity relative to the source's free field at 1 m.
+    /// What `incident` makes leave the openings, for many receivers; `None` if it is too near to one of them.
+    pub fn light(&self, incident: &Incident) -> Option<Lit> {
+        let make = || Multipoles::new(&self.openings, self.thickness_m, &self.nodes);
+        self.multipoles.get_or_init(make).as_ref()?.light(incident)
+    }
+
+    /// Band mean of the intensity relative to the source's free field at 1 m, solved for the source's field in the openings.
     pub fn intensity(&self, mask: &Mask, crossing: &Crossing) -> RaySum {
         let mean: f64 = self.nodes.iter().map(|(weight, solver)| weight * solver.transfer(crossing).norm_sqr()).sum();
-        let value = mean * spread(mask, crossing);
+        self.sum(mean * spread(mask, crossing))
+    }
+
+    /// The same from what the source of `crossing` makes leave the openings, if the receiver is not too near to them.
+    pub fn intensity_of(&self, lit: Option<&Lit>, mask: &Mask, crossing: &Crossing) -> RaySum {
+        let far = || {
+            let (lit, multipoles) = (lit?, self.multipoles.get()?.as_ref()?);
+            let seen = multipoles.see(crossing.x_m, crossing.z_m)?;
+            Some(self.sum(multipoles.mean(lit, &seen, crossing) * spread(mask, crossing)))
+        };
+        far().unwrap_or_else(|| self.intensity(mask, crossing))
+    }
+
+    fn sum(&self, value: f64) -> RaySum {
         RaySum { value, error: 1e-5 * value, absolute: value, rays: self.nodes.len() }
     }
 }
@@ -216,6 +240,30 @@ impl Solver {
         match depth_counts(mask, thickness_m) {
             true => Self::Thick(Box::new(ThickAperture::finer(mask.openings(), thickness_m, k, finer))),
             false => Self::Thin(Box::new(Aperture::finer(mask.openings(), k, finer))),
+        }
+    }
+
+    /// Wave number across the edges in 1/m.
+    pub(super) fn wave_number(&self) -> f64 {
+        match self {
+            Self::Thin(aperture) => aperture.wave_number(),
+            Self::Thick(aperture) => aperture.wave_number(),
+        }
+    }
+
+    /// Places of the unknowns across the openings in m.
+    pub(super) fn positions(&self) -> Vec<f64> {
+        match self {
+            Self::Thin(aperture) => aperture.positions().to_vec(),
+            Self::Thick(aperture) => aperture.positions(),
+        }
+    }
+
+    /// What leaves the openings there, times the steps of its quadrature, for the incident pressure in them.
+    pub(super) fn strengths(&self, p_inc: Vec<Complex64>) -> Vec<Complex64> {
+        match self {
+            Self::Thin(aperture) => aperture.strengths(p_inc).as_slice().to_vec(),
+            Self::Thick(aperture) => aperture.strengths(p_inc),
         }
     }
 
@@ -269,14 +317,14 @@ pub fn intensity<'a>(
     thickness_m: f64,
     crossing: &Crossing,
     spectrum: &Spectrum,
-    solved: impl FnOnce() -> Option<&'a BandApertures>,
+    solved: impl FnOnce() -> Option<Solved<'a>>,
     tolerance: f64,
 ) -> RaySum {
     if let Some((edge_m, side)) = single_edge(mask) {
         return half_plane(edge_m, side, crossing, spectrum);
     }
     let exact = || match solved() {
-        Some(apertures) => apertures.intensity(mask, crossing),
+        Some(Solved { apertures, lit }) => apertures.intensity_of(lit, mask, crossing),
         None => BandApertures::new(mask, thickness_m, spectrum, sin_beta(mask, crossing)).intensity(mask, crossing),
     };
     let share = if depth_counts(mask, thickness_m) { 1.0 } else { exact_share(mask, crossing, spectrum) };

@@ -150,7 +150,7 @@ impl ThickAperture {
             Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
                 line_transfer(self.k, (x_m, z_m), (crossing.x_m, crossing.z_m), |far, near| {
                     let phases = distances(&self.positions(), self.k, far.0, far.1 - depth);
-                    let strengths = self.solve(hankel0_each(&phases).iter().map(|h| 0.5 * HALF_I * h).collect());
+                    let strengths = self.strengths(hankel0_each(&phases).iter().map(|h| 0.5 * HALF_I * h).collect());
                     self.pressure(&strengths, near.0, near.1 - depth)
                 })
             }
@@ -159,7 +159,7 @@ impl ThickAperture {
                 // The wave front through the middle of the wall has phase 0.
                 let early = depth * (self.k * self.k - k_x * k_x).max(0.0).sqrt();
                 let wave = |x: &f64| Complex64::from_polar(1.0, k_x * x - early);
-                let strengths = self.solve(self.positions().iter().map(wave).collect());
+                let strengths = self.strengths(self.positions().iter().map(wave).collect());
                 self.pressure(&strengths, crossing.x_m, crossing.z_m - depth)
             }
         }
@@ -169,7 +169,7 @@ impl ThickAperture {
     /// [`Solution::far_amplitude`](super::aperture::Solution::far_amplitude).
     pub fn far_amplitude(&self, sin_i: f64, sin_o: &[f64]) -> Vec<Complex64> {
         let nodes = self.positions();
-        let strengths = self.solve(nodes.iter().map(|x| Complex64::from_polar(1.0, self.k * x * sin_i)).collect());
+        let strengths = self.strengths(nodes.iter().map(|x| Complex64::from_polar(1.0, self.k * x * sin_i)).collect());
         let towards = |sin_o: f64| {
             nodes
                 .iter()
@@ -180,13 +180,18 @@ impl ThickAperture {
         sin_o.iter().map(|s| towards(*s) / TAU).collect()
     }
 
+    /// Wave number across the edges in 1/m.
+    pub(super) fn wave_number(&self) -> f64 {
+        self.k
+    }
+
     /// The nodes' places across the openings in m.
-    fn positions(&self) -> Vec<f64> {
+    pub(super) fn positions(&self) -> Vec<f64> {
         self.mouths.iter().flat_map(|m| &m.nodes).map(|n| n.x_m).collect()
     }
 
     /// v dx/ds times the step at the nodes of the far mouth, for the incident pressure at those of the near one.
-    fn solve(&self, p_inc: Vec<Complex64>) -> Vec<Complex64> {
+    pub(super) fn strengths(&self, p_inc: Vec<Complex64>) -> Vec<Complex64> {
         let right = DVector::from_vec(p_inc);
         let leaving = self.odd.solve(&right) - self.even.solve(&right);
         let steps = self.mouths.iter().flat_map(|m| m.nodes.iter().map(|_| PI / m.half as f64));

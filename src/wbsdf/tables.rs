@@ -1,0 +1,75 @@
+//! What is computed once a scene for the openings of one plane, and what of it once a source.
+
+use std::collections::HashMap;
+use std::sync::{Arc, OnceLock, PoisonError, RwLock};
+
+use super::crossing::{Incident, Spectrum};
+use super::mask::Mask;
+use super::multipole::Lit;
+use super::slit::BandApertures;
+
+/// The exact apertures of infinitely long openings in every band, and the fields that sources make leave them: each is made
+/// when it is first needed and then serves all pairs.
+pub struct SlitTables {
+    mask: Mask,
+    thickness_m: f64,
+    bands: Vec<(Spectrum, OnceLock<BandApertures>)>,
+    sources: RwLock<HashMap<[u64; 3], Arc<LitBands>>>,
+}
+
+/// What one source makes leave the openings, band by band; `None` where it is too near to them.
+pub struct LitBands(Vec<OnceLock<Option<Lit>>>);
+
+/// One band's apertures, and one source's field behind them.
+#[derive(Clone, Copy)]
+pub struct Solved<'a> {
+    /// The apertures.
+    pub apertures: &'a BandApertures,
+    /// What leaves them.
+    pub lit: Option<&'a Lit>,
+}
+
+impl SlitTables {
+    /// For the openings of `mask` in a wall of `thickness_m`.
+    pub fn new(mask: Mask, thickness_m: f64, spectra: &[Spectrum]) -> Self {
+        let bands = spectra.iter().map(|s| (*s, OnceLock::new())).collect();
+        Self { mask, thickness_m, bands, sources: RwLock::default() }
+    }
+
+    /// The openings.
+    pub fn mask(&self) -> &Mask {
+        &self.mask
+    }
+
+    /// Thickness of the wall in m.
+    pub fn thickness_m(&self) -> f64 {
+        self.thickness_m
+    }
+
+    /// The field of a source whose rays run across the edges, to be computed band by band with [`band`](Self::band).
+    pub fn source(&self, incident: &Incident) -> Arc<LitBands> {
+        // A plane wave's s_y and a point source's place along the edges do not count: rays across the edges have none.
+        let key = match *incident {
+            Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => [0, x_m.to_bits(), z_m.to_bits()],
+            Incident::Plane { s_x, .. } => [1, s_x.to_bits(), 0],
+        };
+        let known = self.sources.read().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
+        known.unwrap_or_else(|| {
+            let mut sources = self.sources.write().unwrap_or_else(PoisonError::into_inner);
+            let bands = || self.bands.iter().map(|_| OnceLock::new()).collect();
+            Arc::clone(sources.entry(key).or_insert_with(|| Arc::new(LitBands(bands()))))
+        })
+    }
+
+    /// Drops the fields of all sources.
+    pub fn forget_sources(&self) {
+        self.sources.write().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
+    /// The apertures of a band and the field of `source` (at `incident`) behind them.
+    pub fn band<'a>(&'a self, band: usize, source: &'a LitBands, incident: &Incident) -> Solved<'a> {
+        let (spectrum, apertures) = &self.bands[band];
+        let apertures = apertures.get_or_init(|| BandApertures::new(&self.mask, self.thickness_m, spectrum, 1.0));
+        Solved { apertures, lit: source.0[band].get_or_init(|| apertures.light(incident)).as_ref() }
+    }
+}
