@@ -7,6 +7,7 @@ use glam::DVec3;
 use num_complex::Complex64;
 
 use super::Pair;
+use super::flanked::{Keyed, Solved, View, replace};
 use super::images::{ImageTree, Origin};
 use super::rectangle::Rectangles;
 use super::wave::Wave;
@@ -17,6 +18,7 @@ use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::mask::Mask;
 use crate::wbsdf::quadrature::RaySum;
 use crate::wbsdf::referee;
+use crate::wbsdf::rim::span;
 use crate::wbsdf::slit::{self, BandApertures};
 use crate::wbsdf::utd;
 use crate::wbsdf::utd_opening::OpeningRays;
@@ -29,6 +31,8 @@ pub struct Gap {
     shape: Shape,
     /// What a ray that stands in the opening cannot meet.
     pub(super) skip: Skip,
+    /// Apertures for ways past edges before and behind.
+    solved: Solved,
 }
 
 enum Shape {
@@ -71,7 +75,7 @@ impl Gap {
             } else {
                 Shape::Rectangles(Box::new(Rectangles::new(scene, portal, depth_m)))
             };
-            gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip });
+            gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip, solved: Solved::default() });
         }
         for gap in &mut gaps {
             if let Shape::Rectangles(rectangles) = &mut gap.shape {
@@ -85,10 +89,43 @@ impl Gap {
     ///
     /// Where pressures are asked for, the same as pressures to `waves`.
     pub(super) fn paths<'a>(&'a self, pair: &Pair<'a>, waves: &mut Vec<Wave<'a>>) -> Vec<EarlyPath> {
+        let view = |across, along_m, depth_m, turned| {
+            let Frame { origin_m, x, y, normal } = self.frame;
+            let frame = if turned { Frame { origin_m, x: y, y: x, normal } } else { self.frame };
+            View { frame, across, along_m, depth_m, skip: self.skip, turned, solved: &self.solved }
+        };
+        let first = waves.len();
+        let label = |s: usize, p: usize| self.label(pair.geometry, pair.source, s, pair.probe, p);
+        let rigid = matches!(pair.scene.simulation.transport, Transport::Wbsdf | Transport::Exact);
+        let mut paths;
         match &self.shape {
-            Shape::Slits { mask, depth_m, apertures } => self.slit_paths(pair, mask, *depth_m, apertures, waves),
-            Shape::Rectangles(rectangles) => rectangles.paths(self, pair, waves),
+            Shape::Slits { mask, depth_m, apertures } => {
+                paths = self.slit_paths(pair, mask, *depth_m, apertures, waves);
+                if rigid {
+                    let views = [view(mask, [f64::NEG_INFINITY, f64::INFINITY], *depth_m, false)];
+                    replace(&views, pair, &mut paths, (waves, first), None, &label);
+                }
+            }
+            Shape::Rectangles(rectangles) => {
+                paths = rectangles.paths(self, pair, waves);
+                if rigid && *pair.kind == SourceKind::Point {
+                    let [x, y] = rectangles.masks();
+                    let views = [
+                        view(x, span(y), rectangles.depth_m(), false),
+                        view(y, span(x), rectangles.depth_m(), true),
+                    ];
+                    for view in views {
+                        let turned = view.turned;
+                        let whole = |band: usize, ends: [DVec3; 2]| {
+                            let [from, to] = ends.map(|e| if turned { DVec3::new(e.y, e.x, e.z) } else { e });
+                            rectangles.whole(pair, band, from, to)
+                        };
+                        replace(&[view], pair, &mut paths, (waves, first), Some(&whole), &label);
+                    }
+                }
+            }
         }
+        paths.into_iter().map(|(_, path)| path).collect()
     }
 
     fn slit_paths<'a>(
@@ -98,7 +135,7 @@ impl Gap {
         depth_m: f64,
         apertures: &[OnceLock<BandApertures>],
         waves: &mut Vec<Wave<'a>>,
-    ) -> Vec<EarlyPath> {
+    ) -> Keyed {
         let &Pair { scene, geometry, spectra, kind, source, probe, order } = pair;
         let mut paths = Vec::new();
         for (s, from) in source.images.iter().enumerate() {
@@ -141,13 +178,14 @@ impl Gap {
                 waves.extend(
                     rays.map(|rays| self.as_pressure(rays, (&intensity, &factors), &from.origin, pair, length)),
                 );
-                paths.push(EarlyPath {
+                let path = EarlyPath {
                     label: self.label(geometry, source, s, probe, p),
                     reflections: from.planes.len() + to.planes.len(),
                     delay_s: length / scene.air.speed_of_sound_m_s,
                     intensity,
                     error,
-                });
+                };
+                paths.push(((s, p), path));
             }
         }
         paths

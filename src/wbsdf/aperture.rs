@@ -61,11 +61,16 @@ impl Aperture {
 
     /// The same with `finer` times as many unknowns.
     pub(super) fn finer(openings: &[[f64; 2]], k: f64, finer: usize) -> Self {
+        Self::resolved(openings, k, k, finer)
+    }
+
+    /// The same on the nodes that the wave number `resolved_k` >= k asks for.
+    pub(super) fn resolved(openings: &[[f64; 2]], k: f64, resolved_k: f64, finer: usize) -> Self {
         let mut nodes = Vec::new();
         let mut steps = Vec::new();
         let mut blocks = Vec::new();
         for o in openings {
-            let n = finer * unknowns(k * (o[1] - o[0]), openings.len());
+            let n = finer * unknowns(resolved_k * (o[1] - o[0]), openings.len());
             let (middle, half) = (0.5 * (o[0] + o[1]), 0.5 * (o[1] - o[0]));
             blocks.push((nodes.len(), n, half));
             let step = PI / n as f64;
@@ -94,6 +99,16 @@ impl Aperture {
             *s *= *step;
         }
         Solution { aperture: self, strengths }
+    }
+
+    /// The nodes in m across the openings.
+    pub(super) fn places_m(&self) -> &[f64] {
+        &self.nodes
+    }
+
+    /// (i/2) times the sum of `out` over the strengths that the incident pressures `into` at the nodes make.
+    pub(super) fn couple(&self, into: Vec<Complex64>, out: &[Complex64]) -> Complex64 {
+        HALF_I * self.solve(into).strengths.iter().zip(out).map(|(s, o)| s * o).sum::<Complex64>()
     }
 
     /// Solves for the source of `crossing` in the plane across the edges: unit strength (i/4) H0 for line and point

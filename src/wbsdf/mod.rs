@@ -5,6 +5,7 @@ pub mod chain;
 pub mod crossing;
 pub mod edge;
 mod factors;
+pub mod flanked;
 mod hankel;
 pub mod hatch;
 pub mod mask;

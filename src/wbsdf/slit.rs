@@ -218,6 +218,31 @@ impl Solver {
         }
     }
 
+    /// The equations at wave number `k` with as many unknowns as `resolved_k` asks for; `depth_m` 0: a thin wall.
+    pub(super) fn resolved(mask: &Mask, depth_m: f64, k: f64, resolved_k: f64) -> Self {
+        match depth_m > 0.0 {
+            true => Self::Thick(Box::new(ThickAperture::resolved(mask.openings(), depth_m, k, resolved_k, 1))),
+            false => Self::Thin(Box::new(Aperture::resolved(mask.openings(), k, resolved_k, 1))),
+        }
+    }
+
+    /// Where the unknowns are, in m across the openings.
+    pub(super) fn places_m(&self) -> Vec<f64> {
+        match self {
+            Self::Thin(aperture) => aperture.places_m().to_vec(),
+            Self::Thick(aperture) => aperture.positions(),
+        }
+    }
+
+    /// What the incident pressures `into` at the places give where a source would send `out` to them: with H0(k r) for
+    /// `out` the pressure there.
+    pub(super) fn couple(&self, into: Vec<Complex64>, out: &[Complex64]) -> Complex64 {
+        match self {
+            Self::Thin(aperture) => aperture.couple(into, out),
+            Self::Thick(aperture) => aperture.couple(into, out),
+        }
+    }
+
     /// p/|p_free| in the plane across the edges.
     pub(super) fn transfer(&self, crossing: &Crossing) -> Complex64 {
         match self {
