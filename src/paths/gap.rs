@@ -6,6 +6,7 @@ use glam::DVec3;
 use num_complex::Complex64;
 
 use super::Pair;
+use super::flanked::{Keyed, Solved, View, replace};
 use super::images::{ImageTree, Origin};
 use super::rectangle::Rectangles;
 use super::wave::{Sound, Wave};
@@ -16,6 +17,7 @@ use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::mask::Mask;
 use crate::wbsdf::quadrature::RaySum;
 use crate::wbsdf::referee;
+use crate::wbsdf::rim::span;
 use crate::wbsdf::slit;
 use crate::wbsdf::tables::SlitTables;
 use crate::wbsdf::utd;
@@ -31,6 +33,8 @@ pub struct Gap {
     pub(super) skip: Skip,
     /// Whether there is nothing but the openings' own wall, so that no straight way to them is blocked.
     alone: bool,
+    /// Apertures for ways past edges before and behind.
+    solved: Solved,
 }
 
 enum Shape {
@@ -76,7 +80,7 @@ impl Gap {
             };
             let alone = geometry.surfaces.iter().all(|s| s.group == portal.group)
                 && geometry.portals.iter().all(|p| p.group == portal.group);
-            gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip, alone });
+            gaps.push(Self { name: name.clone(), frame: portal.frame, shape, skip, alone, solved: Solved::default() });
         }
         for gap in &mut gaps {
             if let Shape::Rectangles(rectangles) = &mut gap.shape {
@@ -98,13 +102,44 @@ impl Gap {
     ///
     /// Where pressures are asked for, the same as pressures to `waves`.
     pub(super) fn paths<'a>(&'a self, pair: &Pair<'a>, waves: &mut Vec<Wave<'a>>) -> Vec<EarlyPath> {
+        let view = |across, along_m, depth_m, turned| {
+            let Frame { origin_m, x, y, normal } = self.frame;
+            let frame = if turned { Frame { origin_m, x: y, y: x, normal } } else { self.frame };
+            View { frame, across, along_m, depth_m, skip: self.skip, turned, solved: &self.solved }
+        };
+        let first = waves.len();
+        let label = |s: usize, p: usize| self.label(pair.geometry, pair.source, s, pair.probe, p);
+        let rigid = matches!(pair.scene.simulation.transport, Transport::Wbsdf | Transport::Exact);
+        let mut paths;
         match &self.shape {
-            Shape::Slits(tables) => self.slit_paths(pair, tables, waves),
-            Shape::Rectangles(rectangles) => rectangles.paths(self, pair, waves),
+            Shape::Slits(tables) => {
+                paths = self.slit_paths(pair, tables, waves);
+                if rigid {
+                    let views = [view(tables.mask(), [f64::NEG_INFINITY, f64::INFINITY], tables.thickness_m(), false)];
+                    replace(&views, pair, &mut paths, (waves, first), None, &label);
+                }
+            }
+            Shape::Rectangles(rectangles) => {
+                paths = rectangles.paths(self, pair, waves);
+                if rigid && *pair.kind == SourceKind::Point {
+                    let [x, y] = rectangles.masks();
+                    let views =
+                        [view(x, span(y), rectangles.depth_m(), false), view(y, span(x), rectangles.depth_m(), true)];
+                    for view in views {
+                        let turned = view.turned;
+                        let whole = |band: usize, ends: [DVec3; 2]| {
+                            let [from, to] = ends.map(|e| if turned { DVec3::new(e.y, e.x, e.z) } else { e });
+                            rectangles.whole(pair, band, from, to)
+                        };
+                        replace(&[view], pair, &mut paths, (waves, first), Some(&whole), &label);
+                    }
+                }
+            }
         }
+        paths.into_iter().map(|(_, path)| path).collect()
     }
 
-    fn slit_paths<'a>(&self, pair: &Pair<'a>, tables: &'a SlitTables, waves: &mut Vec<Wave<'a>>) -> Vec<EarlyPath> {
+    fn slit_paths<'a>(&self, pair: &Pair<'a>, tables: &'a SlitTables, waves: &mut Vec<Wave<'a>>) -> Keyed {
         let &Pair { scene, geometry, spectra, kind, source, probe, order, .. } = pair;
         let (mask, depth_m) = (tables.mask(), tables.thickness_m());
         let mut paths = Vec::new();
@@ -146,13 +181,14 @@ impl Gap {
                 waves.extend(
                     rays.map(|rays| self.as_pressure(rays, (&intensity, &factors), &from.origin, pair, length)),
                 );
-                paths.push(EarlyPath {
+                let path = EarlyPath {
                     label: self.label(geometry, source, s, probe, p),
                     reflections: from.planes.len() + to.planes.len(),
                     delay_s: length / scene.air.speed_of_sound_m_s,
                     intensity,
                     error,
-                });
+                };
+                paths.push(((s, p), path));
             }
         }
         paths

@@ -48,7 +48,7 @@ pub struct Image {
     /// Plane ids in the order of reflection, counted from the source.
     pub planes: Vec<usize>,
     /// Index of the image without the last reflection; the source itself has none.
-    parent: Option<usize>,
+    pub(super) parent: Option<usize>,
 }
 
 /// A source (or probe, by reciprocity) with its images.

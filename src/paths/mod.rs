@@ -3,6 +3,7 @@
 mod bend;
 mod chain;
 mod edge;
+mod flanked;
 mod gap;
 mod images;
 mod reach;

@@ -10,6 +10,7 @@ use glam::DVec3;
 use num_complex::Complex64;
 
 use super::Pair;
+use super::flanked::Keyed;
 use super::gap::{Gap, SIGHT_PLACES};
 use super::images::{ImageTree, Loss, Origin};
 use super::wave::{Sound, Wave};
@@ -124,7 +125,7 @@ impl Rectangles {
     /// All paths from the source's images to the probe's images through the openings with at most `order` reflections.
     ///
     /// Where pressures are asked for, the same as pressures to `waves`.
-    pub(super) fn paths<'a>(&'a self, gap: &Gap, pair: &Pair<'a>, waves: &mut Vec<Wave<'a>>) -> Vec<EarlyPath> {
+    pub(super) fn paths<'a>(&'a self, gap: &Gap, pair: &Pair<'a>, waves: &mut Vec<Wave<'a>>) -> Keyed {
         let &Pair { scene, geometry, spectra, source, probe, order, .. } = pair;
         let places = self.places(gap, pair);
         let sources = sights(gap, scene, geometry, source, &places);
@@ -207,10 +208,35 @@ impl Rectangles {
                 let error = intensity.iter().map(|i| 1e-4 * i).collect();
                 let label = gap.label(geometry, source, from.image, probe, to.image);
                 let delay_s = (r1 + r2) / scene.air.speed_of_sound_m_s;
-                paths.push(EarlyPath { label, reflections, delay_s, intensity, error });
+                let key = (from.image, to.image);
+                paths.push((key, EarlyPath { label, reflections, delay_s, intensity, error }));
             }
         }
         paths
+    }
+
+    /// Limits along x and along y.
+    pub(super) fn masks(&self) -> [&Mask; 2] {
+        [&self.x, &self.y]
+    }
+
+    pub(super) fn depth_m(&self) -> f64 {
+        self.depth_m
+    }
+
+    /// Intensity in a band between two places in the openings' frame, as if nothing else stood in the way.
+    pub(super) fn whole(&self, pair: &Pair<'_>, band: usize, from: DVec3, to: DVec3) -> f64 {
+        let spectrum = &pair.spectra[band];
+        let new = |x: &Mask, y: &Mask| Rectangle::new(x, y, self.depth_m, spectrum, Jambs::Rigid);
+        let own = || self.bands[band].get_or_init(|| new(&self.x, &self.y)).intensity(from, to).max(0.0);
+        let Some(mirrored) = &self.mirrored else { return own() };
+        let f = mirrored.factors[band];
+        let alone = if f < 1.0 { (1.0 - f) * own() } else { 0.0 };
+        if f == 0.0 || !self.first_of_images(mirrored, from, to) {
+            return alone;
+        }
+        let both = mirrored.bands[band].get_or_init(|| new(&mirrored.x, &mirrored.y));
+        alone + f * both.intensity(from, to).max(0.0)
     }
 
     /// Whether the way from `from` to `to` crosses the openings and not their images: of two ways that are mirror images of each

@@ -61,11 +61,16 @@ impl Aperture {
 
     /// The same with `finer` times as many unknowns.
     pub(super) fn finer(openings: &[[f64; 2]], k: f64, finer: usize) -> Self {
+        Self::resolved(openings, k, k, finer)
+    }
+
+    /// The same on the nodes that the wave number `resolved_k` >= k asks for.
+    pub(super) fn resolved(openings: &[[f64; 2]], k: f64, resolved_k: f64, finer: usize) -> Self {
         let mut nodes = Vec::new();
         let mut steps = Vec::new();
         let mut blocks = Vec::new();
         for o in openings {
-            let n = finer * unknowns(k * (o[1] - o[0]), openings.len());
+            let n = finer * unknowns(resolved_k * (o[1] - o[0]), openings.len());
             let (middle, half) = (0.5 * (o[0] + o[1]), 0.5 * (o[1] - o[0]));
             blocks.push((nodes.len(), n, half));
             let step = PI / n as f64;

@@ -6,6 +6,7 @@ pub mod crossing;
 mod descent;
 pub mod edge;
 mod factors;
+pub mod flanked;
 mod hankel;
 pub mod hatch;
 pub mod mask;

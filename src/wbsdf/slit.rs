@@ -243,6 +243,14 @@ impl Solver {
         }
     }
 
+    /// The equations at wave number `k` with as many unknowns as `resolved_k` asks for; `depth_m` 0: a thin wall.
+    pub(super) fn resolved(mask: &Mask, depth_m: f64, k: f64, resolved_k: f64) -> Self {
+        match depth_m > 0.0 {
+            true => Self::Thick(Box::new(ThickAperture::resolved(mask.openings(), depth_m, k, resolved_k, 1))),
+            false => Self::Thin(Box::new(Aperture::resolved(mask.openings(), k, resolved_k, 1))),
+        }
+    }
+
     /// Wave number across the edges in 1/m.
     pub(super) fn wave_number(&self) -> f64 {
         match self {
@@ -265,6 +273,12 @@ impl Solver {
             Self::Thin(aperture) => aperture.strengths(p_inc).as_slice().to_vec(),
             Self::Thick(aperture) => aperture.strengths(p_inc),
         }
+    }
+
+    /// What the incident pressures `into` at the places give where a source would send `out` to them: with H0(k r) for
+    /// `out` the pressure there.
+    pub(super) fn couple(&self, into: Vec<Complex64>, out: &[Complex64]) -> Complex64 {
+        Complex64::new(0.0, 0.5) * self.strengths(into).iter().zip(out).map(|(s, o)| s * o).sum::<Complex64>()
     }
 
     /// p/|p_free| in the plane across the edges.

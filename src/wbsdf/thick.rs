@@ -115,11 +115,16 @@ impl ThickAperture {
 
     /// The same with `finer` times as many nodes.
     pub(super) fn finer(openings: &[[f64; 2]], thickness_m: f64, k: f64, finer: usize) -> Self {
+        Self::resolved(openings, thickness_m, k, k, finer)
+    }
+
+    /// The same on the nodes that the wave number `resolved_k` >= k asks for.
+    pub(super) fn resolved(openings: &[[f64; 2]], thickness_m: f64, k: f64, resolved_k: f64, finer: usize) -> Self {
         let mut mouths: Vec<Mouth> = Vec::new();
         let mut total = 0;
         for &opening in openings {
             let width_m = opening[1] - opening[0];
-            let half = finer * half_intervals(k * width_m, width_m / thickness_m);
+            let half = finer * half_intervals(resolved_k * width_m, width_m / thickness_m);
             mouths.push(Mouth { start: total, half, width_m, nodes: nodes(opening, half) });
             total += 2 * half - 1;
         }
