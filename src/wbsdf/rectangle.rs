@@ -1,5 +1,10 @@
 //! A rectangular opening between two points: exact (hatch.rs) where its longer side is a few wavelengths, beyond that the
 //! pressures of its edges (rim.rs).
+//!
+//! Edges that end know nothing of the corner between them. In the shadow of a corner, where the way over it is the
+//! shortest, it alone is heard and a corner has no length of its own: what the edges miss is what they miss of a smaller opening with
+//! the same corner, small enough to be solved exactly. There the edges' intensity is multiplied by the ratio of the exact solution to
+//! the edges of that smaller opening.
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
@@ -11,7 +16,7 @@ use super::crossing::Spectrum;
 use super::hatch::{Driven, Hatch, View, transmission, unknowns};
 use super::mask::{Jambs, Mask};
 use super::product::paraxial_intensity;
-use super::rim::{NARROW_SIDE_KA, Rim, only};
+use super::rim::{NARROW_SIDE_KA, Rim, facing, only, shortest_over, span};
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
 use super::thick::is_thick;
 
@@ -23,6 +28,10 @@ const EXACT_UNKNOWNS: [f64; 2] = [260.0, 420.0];
 /// Distances of the farther of source and receiver from the opening, in longer sides, between which the exact rectangle
 /// takes over from the edges: its functions do not resolve the field between two points that are nearer.
 const EXACT_FROM: [f64; 2] = [0.08, 0.16];
+
+/// Radians by which the way over a corner is longer than those over either of its edges (without ends), between which
+/// the corner is heard alone.
+const CORNER_ALONE: [f64; 2] = [0.0, 1.0];
 
 /// How a rectangular opening is modelled in a band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -68,6 +77,8 @@ pub struct Rectangle {
     /// Points that the exact rectangle has met, by the bits of their coordinates.
     met: Mutex<HashMap<[u64; 3], Arc<Met>>>,
     rim: OnceLock<Rim>,
+    /// An opening of the same corners that is small enough to be solved exactly, about the origin.
+    corner: OnceLock<Box<Self>>,
     /// The openings one by one where there are several.
     parts: Vec<Self>,
 }
@@ -96,8 +107,8 @@ impl Rectangle {
         let several = x.openings().len() > 1;
         let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, thickness_m, spectrum, jambs);
         let parts = if several { x.openings().iter().map(part).collect() } else { Vec::new() };
-        let (met, rim) = (Mutex::default(), OnceLock::new());
-        Self { x: x.clone(), y: y.clone(), thickness_m, spectrum: *spectrum, jambs, exact, met, rim, parts }
+        let (met, rim, corner) = (Mutex::default(), OnceLock::new(), OnceLock::new());
+        Self { x: x.clone(), y: y.clone(), thickness_m, spectrum: *spectrum, jambs, exact, met, rim, corner, parts }
     }
 
     /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
@@ -117,17 +128,55 @@ impl Rectangle {
             return if apart > 0.0 { together * sum(&|part| part.intensity(source, receiver)) / apart } else { 0.0 };
         }
         let share = self.exact_share(source, receiver);
-        let exact = match &self.exact {
-            Some(hatch) if share > 0.0 => {
-                let (from, to) = (self.meet(hatch, source), self.meet(hatch, receiver));
-                hatch.intensity(from.driven.get_or_init(|| hatch.driven(&from.view)), &to.view)
-            }
-            _ => 0.0,
-        };
+        let exact = if share > 0.0 { self.exactly(source, receiver) } else { 0.0 };
         if share == 1.0 {
             return exact;
         }
-        share * exact + (1.0 - share) * self.rim(source, receiver)
+        share * exact + (1.0 - share) * self.rim(source, receiver) * self.corner(source, receiver)
+    }
+
+    /// By the exact rectangle, 0 where it is not solved.
+    fn exactly(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let Some(hatch) = &self.exact else { return 0.0 };
+        let (from, to) = (self.meet(hatch, source), self.meet(hatch, receiver));
+        hatch.intensity(from.driven.get_or_init(|| hatch.driven(&from.view)), &to.view)
+    }
+
+    /// What a corner changes of the intensity that its edges send.
+    fn corner(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let (Some(x_m), Some(y_m)) = (only(&self.x), only(&self.y)) else { return 1.0 };
+        let k = 0.5 * (self.spectrum.low_k() + self.spectrum.high_k());
+        let sides = [x_m[1] - x_m[0], y_m[1] - y_m[0]];
+        let Some((corner, detour_m)) = self.in_shadow_of(source, receiver) else { return 1.0 };
+        let alone = 1.0 - fade(k * detour_m, CORNER_ALONE);
+        if alone == 0.0 {
+            return 1.0;
+        }
+        let small = self.corner.get_or_init(|| {
+            let [x, y] = solvable(sides, k).map(|side| Mask::new(&[[-0.5 * side, 0.5 * side]]));
+            Box::new(Self::new(&x, &y, self.thickness_m, &self.spectrum, self.jambs))
+        });
+        let half = [&small.x, &small.y].map(|mask| span(mask)[1]);
+        let inward = |at: f64, limits: [f64; 2], half: f64| if at == limits[0] { at + half } else { at - half };
+        let middle = DVec3::new(inward(corner.x, x_m, half[0]), inward(corner.y, y_m, half[1]), 0.0);
+        let (source, receiver) = (source - middle, receiver - middle);
+        let edges = small.rim(source, receiver);
+        if edges > 0.0 { alone * small.exactly(source, receiver) / edges + 1.0 - alone } else { 1.0 }
+    }
+
+    /// The corner over which the shortest way leads, and by how much in m it is longer than over the edges without ends.
+    fn in_shadow_of(&self, source: DVec3, receiver: DVec3) -> Option<(DVec3, f64)> {
+        let (source, receiver) = facing(source, receiver);
+        let over = shortest_over(source, receiver, &self.x, &self.y)?;
+        let at_limit = |x: f64, mask: &Mask| span(mask).contains(&x);
+        if !at_limit(over.x, &self.x) || !at_limit(over.y, &self.y) {
+            return None;
+        }
+        let way = (over - source).length() + (receiver - over).length();
+        let (into, out) = (over - source, receiver - over);
+        let over_x = (into.x.hypot(into.z) + out.x.hypot(out.z)).hypot(receiver.y - source.y);
+        let over_y = (into.y.hypot(into.z) + out.y.hypot(out.z)).hypot(receiver.x - source.x);
+        Some((over, (way - over_x).min(way - over_y)))
     }
 
     /// The opening number `i` alone, all of them if there is no such one.
@@ -168,6 +217,17 @@ impl Rectangle {
         let farther = away(source).max(away(receiver));
         fade(unknowns(k * width, k * height), EXACT_UNKNOWNS) * (1.0 - fade(farther / longer, EXACT_FROM))
     }
+}
+
+/// The sides in m, shortened to what k times them allows to be solved exactly.
+fn solvable(sides: [f64; 2], k: f64) -> [f64; 2] {
+    let (mut low, mut high) = (0.0, sides[0].max(sides[1]));
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        let [x, y] = sides.map(|side| k * side.min(middle));
+        if unknowns(x, y) < EXACT_UNKNOWNS[0] { low = middle } else { high = middle }
+    }
+    sides.map(|side| side.min(low))
 }
 
 /// Wave numbers and weights for the mean over a band through an opening of `width_m` by `height_m` and `depth_m`.

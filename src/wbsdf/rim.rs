@@ -1,10 +1,11 @@
 //! Openings of many wavelengths: the direct sound and what each of their edges sends, as pressures.
 //!
 //! Each edge is that of a rigid half-plane, exact up to its ends (Biot and Tolstoy's integral between limits, wedge.rs),
-//! whatever the angle between ray and edge; so are strips with one end and openings side by side. What is diffracted by two jambs in
-//! turn is left out, and put back where a side is narrow: times the transfer of the slit of that width by the exact aperture, over the sum of
-//! its two edges alone, both between source and receiver at the distances that the shortest way has when it is unfolded. The
-//! corners themselves stay out.
+//! whatever the angle between ray and edge; so are strips with one end and openings side by side. What is diffracted by two
+//! opposite jambs in turn are the waves of two_edges.rs over both of them, which fade where that way passes beside their
+//! ends; where a side is narrow, the transfer of the slit of that width by the exact aperture over the sum of its two edges alone, both
+//! between source and receiver at the distances that the shortest way has when it is unfolded. The corners themselves stay
+//! out: see rectangle.rs.
 
 use std::f64::consts::TAU;
 
@@ -17,6 +18,7 @@ use super::edge::AboutEdge;
 use super::mask::Mask;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
 use super::thick::{ThickAperture, is_thick};
+use super::two_edges::Run;
 use super::wedge::{Wave, WedgeField};
 
 /// k times width from which the exact aperture across a side loses its weight, and at which it has none.
@@ -138,6 +140,42 @@ impl Edge {
     }
 }
 
+/// The wave over two opposite jambs in turn, with the share of it that the ends of the jambs leave.
+struct Twice {
+    run: Run,
+    share: f64,
+    /// Distances in m by which it passes their ends (negative: beside them), and the lengths of its way before and behind.
+    past: [(f64, f64, f64); 2],
+    sin_beta: f64,
+}
+
+impl Twice {
+    /// Over the jamb at `near` along x, then that at `far`, both between `ends_m` along y.
+    fn new(near: f64, far: f64, share: f64, ends_m: [f64; 2], [source, receiver]: [DVec3; 2]) -> Self {
+        let dy_m = receiver.y - source.y;
+        let incident = Incident::Point { x_m: source.x, z_m: source.z.abs(), dy_m };
+        let run = Run::new(near, far, &Crossing { incident, x_m: receiver.x, z_m: receiver.z.abs() });
+        let before = (source.x - near).hypot(source.z);
+        let behind = (receiver.x - far).hypot(receiver.z);
+        let width = (far - near).abs();
+        let across = before + width + behind;
+        let past = [before, before + width].map(|way| {
+            let y = source.y + dy_m * way / across;
+            ((y - ends_m[0]).min(ends_m[1] - y), way, across - way)
+        });
+        Self { run, share, past, sin_beta: across / across.hypot(dy_m) }
+    }
+
+    fn sent(&self, k: f64) -> Complex64 {
+        // Half of it is left where it meets an end, all of it a Fresnel zone inside.
+        let left = |(past, before, behind): (f64, f64, f64)| {
+            let zone = (TAU / k * before * behind / (before + behind)).sqrt() / self.sin_beta;
+            0.5 * (1.0 + (2.0 * past / zone).tanh())
+        };
+        self.run.pressure(k) * (self.share * left(self.past[0]) * left(self.past[1]))
+    }
+}
+
 /// Share of the direct sound that passes a mask at `at_m`: half on an edge, whose own part vanishes there.
 fn passes(at_m: f64, mask: &Mask) -> f64 {
     let through = |o: &[f64; 2]| match (at_m - o[0]).min(o[1] - at_m) {
@@ -195,7 +233,7 @@ impl Rim {
         single * self.repeated(&self.x, self.across_x.as_ref(), &x) * self.repeated(&self.y, self.across_y.as_ref(), &y)
     }
 
-    /// Direct sound and single diffraction, band mean.
+    /// Direct sound and what is diffracted by one edge, or two opposite ones that are no narrow side, band mean.
     fn single(&self, source: DVec3, receiver: DVec3) -> f64 {
         let turned = |p: DVec3| DVec3::new(p.y, p.x, p.z);
         let (ends, turned) = ([source, receiver], [turned(source), turned(receiver)]);
@@ -206,18 +244,30 @@ impl Rim {
         for o in self.x.openings() {
             all.extend(edges(&self.y).map(|(y, side)| Edge::new(y, side, Some(*o), turned, &self.spectrum)));
         }
+        let mut twice = Vec::new();
+        let mut add_twice = |across: &Mask, along: &Mask, exact: Option<&NarrowSide>, ends: [DVec3; 2]| {
+            let share = 1.0 - exact.map_or(0.0, |narrow| narrow.share);
+            if let (Some([low, high]), [ends_m]) = (only(across), along.openings())
+                && share > 0.0
+            {
+                twice.extend([(low, high), (high, low)].map(|(a, b)| Twice::new(a, b, share, *ends_m, ends)));
+            }
+        };
+        add_twice(&self.x, &self.y, self.across_x.as_ref(), ends);
+        add_twice(&self.y, &self.x, self.across_y.as_ref(), turned);
         let straight_m = (receiver - source).length();
         let at = source + (receiver - source) * (source.z / (source.z - receiver.z));
         let direct = passes(at.x, &self.x) * passes(at.y, &self.y) / straight_m;
         let (low, high) = (self.spectrum.low_k(), self.spectrum.high_k());
-        let ways = || all.iter().flat_map(|e| e.field.ways_m());
+        let ways = || all.iter().flat_map(|e| e.field.ways_m()).chain(twice.iter().map(|t| t.run.length_m));
         let (first, last) = ways().fold((straight_m, 0.0), |(a, b): (f64, f64), way| (a.min(way), b.max(way)));
         let nearest = if direct > 0.0 { first } else { ways().fold(f64::INFINITY, f64::min) };
         let phase = (high - low) * (last - nearest).max(0.0);
         let count = if high > low { 5 + ((0.7 * phase).ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
         let power = |k: f64| {
-            let sent: Complex64 = all.iter().map(|edge| edge.sent(k)).sum();
-            (Complex64::from_polar(direct, k * straight_m) + sent).norm_sqr()
+            let once: Complex64 = all.iter().map(|edge| edge.sent(k)).sum();
+            let twice: Complex64 = twice.iter().map(|twice| twice.sent(k)).sum();
+            (Complex64::from_polar(direct, k * straight_m) + once + twice).norm_sqr()
         };
         gauss_nodes(low, high, count).map(|(k, weight)| weight * power(k)).sum()
     }
