@@ -26,12 +26,12 @@ pub struct Gap {
     /// Name of the opening(s).
     pub name: String,
     pub(super) frame: Frame,
-    shape: Shape,
+    pub(super) shape: Shape,
     /// What a ray that stands in the opening cannot meet.
     pub(super) skip: Skip,
 }
 
-enum Shape {
+pub(super) enum Shape {
     Slits { mask: Mask, depth_m: f64, apertures: Vec<OnceLock<BandApertures>> },
     Rectangles(Box<Rectangles>),
 }

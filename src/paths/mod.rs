@@ -1,6 +1,7 @@
 //! The deterministic paths: direct sound, specular chains, and each of them through an opening or over an edge.
 
 mod bend;
+mod beside;
 mod chain;
 mod edge;
 mod gap;
@@ -76,6 +77,7 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
             if scene.simulation.diffraction_order > 0 {
                 edge::add(&pair, &reaches, &mut paths, &mut waves);
                 chain::add(&pair, &mut paths, &mut waves);
+                beside::add(&pair, &gaps, &mut paths, &mut waves);
             }
             let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
             for gap in &gaps {

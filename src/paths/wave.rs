@@ -3,6 +3,7 @@
 use num_complex::Complex64;
 
 use crate::wbsdf::crossing::Spectrum;
+use crate::wbsdf::series::Legendre;
 use crate::wbsdf::slit::gauss_nodes;
 
 /// Most frequencies a band. More are needed only where ways differ by hundreds of wavelengths, whose interference the mean
@@ -82,48 +83,12 @@ fn coherent(waves: &[&Wave<'_>], band: usize, spectrum: &Spectrum, fewest: usize
 }
 
 /// Gauss nodes for |p|^2 over a band of width `dk` in 1/m whose ways differ by `apart_m`; one for a tone.
-fn frequencies(fewest: usize, dk: f64, apart_m: f64) -> usize {
+pub(super) fn frequencies(fewest: usize, dk: f64, apart_m: f64) -> usize {
     if dk <= 0.0 {
         return 1;
     }
     // As a float: anything longer is cut off.
     (8.0 + PER_RADIAN * dk * apart_m).ceil().clamp(fewest as f64, MOST_FREQUENCIES as f64) as usize
-}
-
-/// A Legendre series on an interval.
-struct Legendre {
-    middle: f64,
-    half: f64,
-    coefficients: Vec<Complex64>,
-}
-
-impl Legendre {
-    /// Through the values of `f` at `count` Gauss nodes.
-    fn through([low, high]: [f64; 2], count: usize, f: impl Fn(f64) -> Complex64) -> Self {
-        let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
-        let mut coefficients = vec![Complex64::ZERO; count];
-        for (k, weight) in gauss_nodes(low, high, count) {
-            let value = f(k) * weight;
-            for (n, (c, p)) in coefficients.iter_mut().zip(polynomials((k - middle) / half)).enumerate() {
-                *c += value * (p * (2 * n + 1) as f64);
-            }
-        }
-        Self { middle, half, coefficients }
-    }
-
-    fn at(&self, k: f64) -> Complex64 {
-        self.coefficients.iter().zip(polynomials((k - self.middle) / self.half)).map(|(c, p)| c * p).sum()
-    }
-}
-
-/// P_0(x), P_1(x), ...
-fn polynomials(x: f64) -> impl Iterator<Item = f64> {
-    let mut state = (1.0, x, 1.0);
-    std::iter::from_fn(move || {
-        let (p, next, n) = state;
-        state = (next, ((2.0 * n + 1.0) * x * next - n * p) / (n + 1.0), n + 1.0);
-        Some(p)
-    })
 }
 
 #[cfg(test)]

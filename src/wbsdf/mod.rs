@@ -15,6 +15,7 @@ pub mod rectangle;
 pub mod referee;
 pub mod rim;
 pub mod scatter;
+pub mod series;
 pub mod slit;
 pub mod thick;
 mod two_edges;
