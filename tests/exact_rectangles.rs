@@ -5,8 +5,11 @@ mod reference;
 use reference::{Errors, Row, SCREEN, head, level, probe, source, table};
 
 fn errors(mean: &str, chosen: impl Fn(&Row) -> bool) -> Errors {
+    errors_of(table("rectangles").into_iter().chain(table("hatches")), mean, chosen)
+}
+
+fn errors_of(rows: impl Iterator<Item = Row>, mean: &str, chosen: impl Fn(&Row) -> bool) -> Errors {
     let mut errors = Errors::default();
-    let rows = table("rectangles").into_iter().chain(table("hatches"));
     for row in rows.filter(|r| r.text("mean") == mean && chosen(r)) {
         let (w, h) = (0.5 * row.number("width_m"), 0.5 * row.number("height_m"));
         let opening = format!(
@@ -16,7 +19,8 @@ fn errors(mean: &str, chosen: impl Fn(&Row) -> bool) -> Errors {
         let at = |x: &str, y: &str, z: &str| [row.number(x), row.number(y), row.number(z)];
         let place = source("point", at("sx_m", "sy_m", "sz_m"), [0.0; 3]);
         let room = head(mean, row.number("band_hz")) + SCREEN + &opening + &place;
-        errors.add(level(&(room + &probe("p", at("x_m", "y_m", "z_m")))), row.number("level_db"));
+        let got = level(&(room + &probe("p", at("x_m", "y_m", "z_m"))));
+        errors.add(got, row.number("level_db"));
     }
     errors
 }
@@ -38,7 +42,7 @@ fn levels_behind_a_door_of_few_wavelengths_are_exact() {
         .assert_within("0.1 m by 2 m", [0.001, 0.002, 0.01]);
 }
 
-// Beyond, single diffraction at the edges leaves out what the corners do.
+// Beyond, the edges once, two opposite ones in turn, and what corners change in their shadow.
 
 #[test]
 fn octave_levels_behind_doors_of_many_wavelengths_are_within_a_twentieth_of_a_decibel() {
@@ -49,9 +53,9 @@ fn octave_levels_behind_doors_of_many_wavelengths_are_within_a_twentieth_of_a_de
 }
 
 #[test]
-fn tones_behind_rectangles_are_within_a_third_of_a_decibel() {
-    // The largest of 60 is 0.22 dB, at 1 kHz; the next 0.09 dB at 2 kHz.
-    errors("tone", |_| true).assert_within("tones", [0.01, 0.03, 0.3]);
+fn tones_behind_rectangles_are_within_a_tenth_of_a_decibel() {
+    // The largest of 60 is 0.04 dB.
+    errors("tone", |_| true).assert_within("tones", [0.01, 0.03, 0.1]);
 }
 
 #[test]
@@ -62,10 +66,16 @@ fn hatches_gaps_and_squares_are_exact_at_oblique_and_near_places() {
 }
 
 #[test]
-fn levels_oblique_to_both_sides_of_a_door_are_within_2_db_at_1_khz() {
-    // All but one within 0.1 dB; that one lies 75 degrees off in the shadow of a corner, 30 dB down.
+fn levels_oblique_to_both_sides_of_a_door_are_within_a_quarter_of_a_decibel_at_1_khz() {
+    // The largest lies 75 degrees off in the shadow of a corner, 30 dB down: 1.9 dB by its edges alone.
     errors("octave", |r| !door(r) && r.number("width_m") * r.number("height_m") * r.number("band_hz") > 1000.0)
-        .assert_within("doors, oblique", [0.03, 2.0, 2.0]);
+        .assert_within("doors, oblique", [0.03, 0.3, 0.3]);
+}
+
+#[test]
+fn wide_openings_are_right_along_the_screen_and_in_the_shadow_of_their_corners() {
+    // Once round the edges alone: up to 2.6 dB. What is left lies where the way from jamb to opposite jamb ends near a corner.
+    errors_of(table("corners").into_iter(), "octave", |_| true).assert_within("corners", [0.12, 0.5, 1.0]);
 }
 
 /// An opening in the screen with limits as they are written.
@@ -103,6 +113,33 @@ fn a_door_on_a_rigid_floor_is_half_of_one_twice_as_high() {
             // The way over the floor and the direct one, added in energy like all paths.
             let error = got - 10.0 * expected.log10();
             assert!(error.abs() < 1e-6, "{s:?} {p:?} {band_hz}: {error}");
+        }
+    }
+}
+
+#[test]
+fn a_door_on_a_floor_passes_pressures_that_interfere() {
+    // |p(source) + p(its image)|^2 through a door twice as high: the aperture equation by Galerkin, written apart from the program.
+    // As energies these levels would be up to 5.9 dB higher or 2.9 dB lower.
+    let door = opening("door", "[-0.45, 0.45]", "[0, 2]");
+    let ends = [
+        ([0.3, 2.0, 1.2], [-0.5, -1.5, 1.6]),
+        ([-1.0, 1.5, 0.4], [1.2, -0.8, 0.3]),
+        ([0.2, 3.0, 1.8], [0.4, -2.5, 1.1]),
+    ];
+    for (band_hz, expected) in [
+        (125.0, [-18.8718, -8.4920, -19.7532]),
+        (250.0, [-11.4597, -8.3376, -23.0058]),
+        (1000.0, [-8.9271, -11.5852, -15.6072]),
+    ] {
+        for ((s, p), expected) in ends.into_iter().zip(expected) {
+            let room = head("octave", band_hz)
+                + &floor(0.0).replace("order = 2", "order = 2\ninterference = true")
+                + SCREEN
+                + &door;
+            let got = level(&(room + &source("point", s, [0.0; 3]) + &probe("p", p)));
+            println!("{band_hz} {s:?} {p:?}: {got:.3} {expected}");
+            assert!((got - expected).abs() < 0.05, "{band_hz} {s:?} {p:?}: {got} {expected}");
         }
     }
 }

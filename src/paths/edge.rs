@@ -19,7 +19,7 @@ use crate::scene::Transport;
 use crate::wbsdf::crossing::Spectrum;
 
 /// Differences of two ways, in half wavelengths of the lower band edge, between which pressures turn into energies.
-const COHERENT_FRESNEL: [f64; 2] = [2.0, 4.0];
+pub(super) const COHERENT_FRESNEL: [f64; 2] = [2.0, 4.0];
 /// The same for direct sound and reflection, counted from the reflection boundary.
 const JOINED_FRESNEL: [f64; 2] = [0.0, 1.0];
 
@@ -340,7 +340,7 @@ impl Group<'_, '_> {
 
 /// Share in which waves over ways `apart_m` different add as pressures: 1 up to the first Fresnel number of `range` (half
 /// wavelengths at `hz`), 0 from the second on, smooth between.
-fn coherence(apart_m: f64, hz: f64, spectrum: &Spectrum, range: [f64; 2]) -> f64 {
+pub(super) fn coherence(apart_m: f64, hz: f64, spectrum: &Spectrum, range: [f64; 2]) -> f64 {
     let fresnel = 2.0 * apart_m.abs() * hz / spectrum.speed_m_s;
     let t = ((fresnel - range[0]) / (range[1] - range[0])).clamp(0.0, 1.0);
     1.0 - t * t * (3.0 - 2.0 * t)

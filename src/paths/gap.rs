@@ -28,7 +28,7 @@ pub struct Gap {
     /// Name of the opening(s).
     pub name: String,
     pub(super) frame: Frame,
-    shape: Shape,
+    pub(super) shape: Shape,
     /// What a ray that stands in the opening cannot meet.
     pub(super) skip: Skip,
     /// Whether there is nothing but the openings' own wall, so that no straight way to them is blocked.
@@ -37,7 +37,7 @@ pub struct Gap {
     solved: Solved,
 }
 
-enum Shape {
+pub(super) enum Shape {
     Slits(Box<SlitTables>),
     Rectangles(Box<Rectangles>),
 }
@@ -122,7 +122,7 @@ impl Gap {
             Shape::Rectangles(rectangles) => {
                 paths = rectangles.paths(self, pair, waves);
                 if rigid && *pair.kind == SourceKind::Point {
-                    let [x, y] = rectangles.masks();
+                    let (x, y) = rectangles.masks();
                     let views =
                         [view(x, span(y), rectangles.depth_m(), false), view(y, span(x), rectangles.depth_m(), true)];
                     for view in views {

@@ -1,6 +1,7 @@
 //! The deterministic paths: direct sound, specular chains, and each of them through an opening or over an edge.
 
 mod bend;
+mod beside;
 mod chain;
 mod edge;
 mod flanked;
@@ -119,6 +120,7 @@ impl<'a> Prepared<'a> {
         if scene.simulation.diffraction_order > 0 {
             edge::add(pair, reaches, &mut paths, &mut waves);
             chain::add(pair, &mut paths, &mut waves);
+            beside::add(pair, &self.gaps, &mut paths, &mut waves);
         }
         let mut paths: Vec<EarlyPath> = paths.into_iter().map(|path| path.path).collect();
         for gap in &self.gaps {

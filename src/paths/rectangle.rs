@@ -13,14 +13,15 @@ use super::Pair;
 use super::flanked::Keyed;
 use super::gap::{Gap, SIGHT_PLACES};
 use super::images::{ImageTree, Loss, Origin};
-use super::wave::{Sound, Wave};
+use super::wave::{FEW, Sound, Wave, frequencies};
 use crate::geometry::{Element, Geometry, Portal, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, Transport};
 use crate::wbsdf::crossing::{Crossing, Spectrum};
 use crate::wbsdf::mask::{Jambs, Mask};
-use crate::wbsdf::rectangle::Rectangle;
+use crate::wbsdf::rectangle::{Passed, Rectangle};
 use crate::wbsdf::rim::{shortest_over, span, unfolded};
+use crate::wbsdf::slit::gauss_nodes;
 use crate::wbsdf::utd;
 use crate::wbsdf::utd_opening::OpeningRays;
 
@@ -49,12 +50,33 @@ const PLANE_REACHES: [f64; 2] = [0.02, 0.5];
 /// Shares of the side along which it must lie in the plane.
 const PLANE_PLACES: [f64; 3] = [0.1, 0.5, 0.9];
 
+/// Up to so many ways all are reckoned carefully.
+const FEW_WAYS: usize = 4;
+/// Share of the sum of all ways in those that are reckoned roughly (3 dB low at most: 0.09 dB of the sum, as a rule a tenth of it).
+const WEAK: f64 = 0.02;
+
 /// A source or probe image with what it sees of the openings.
 struct Sight {
     image: usize,
     position: DVec3,
     loss: Loss,
     seen: Vec<bool>,
+}
+
+/// A way from a source image through the openings to a probe image.
+struct Way<'a> {
+    from: &'a Sight,
+    to: &'a Sight,
+    /// Place in the openings on the shortest way, and its length in m.
+    over: DVec3,
+    length_m: f64,
+    /// The places that see both ends.
+    seen: Vec<bool>,
+    /// The openings with their images, and whether the way crosses the openings themselves.
+    mirrored: Option<(&'a Mirrored, bool)>,
+    /// What surfaces and air leave of the energy, one factor a band.
+    factors: Vec<f64>,
+    reflections: usize,
 }
 
 impl Rectangles {
@@ -130,8 +152,7 @@ impl Rectangles {
         let places = self.places(gap, pair);
         let sources = sights(gap, scene, geometry, source, &places);
         let probes = sights(gap, scene, geometry, probe, &places);
-        let jambs = if scene.simulation.transport == Transport::Paraxial { Jambs::Paraxial } else { Jambs::Rigid };
-        let mut paths = Vec::new();
+        let mut ways = Vec::new();
         for from in &sources {
             for to in &probes {
                 let reflections = source.images[from.image].planes.len() + probe.images[to.image].planes.len();
@@ -147,77 +168,166 @@ impl Rectangles {
                 if mirrored.is_some_and(|(m, first)| !first && m.factors.iter().all(|f| *f == 1.0)) {
                     continue;
                 }
-                let (r1, r2) = ((over - from.position).length(), (to.position - over).length());
-                let mut intensity = Vec::with_capacity(spectra.len());
-                for (band, spectrum) in spectra.iter().enumerate() {
-                    let own = || {
-                        let new = || Rectangle::new(&self.x, &self.y, self.depth_m, spectrum, jambs);
-                        self.seen_part(
-                            self.bands[band].get_or_init(new),
-                            spectrum,
-                            (from, to),
-                            (over, r1, r2),
-                            (&seen, &places),
-                        )
-                    };
-                    let value = match mirrored {
-                        // Below, as pressures.
-                        _ if scene.simulation.transport == Transport::Utd => 0.0,
-                        None => own(),
-                        Some((m, first)) => {
-                            // A plane that absorbs mirrors the opening by the share of the pressure that it reflects.
-                            let f = m.factors[band];
-                            let both = || {
-                                let new = || Rectangle::new(&m.x, &m.y, self.depth_m, spectrum, jambs);
-                                let whole = m.bands[band].get_or_init(new);
-                                let share = seen_share(&seen, &places, over, self.zone_m2(spectrum, r1, r2, &places));
-                                share * whole.intensity(from.position, to.position).max(0.0)
-                            };
-                            let alone = if f < 1.0 { (1.0 - f) * own() } else { 0.0 };
-                            alone + if first && f > 0.0 { f * both() } else { 0.0 }
-                        }
-                    };
-                    let air = (-scene.air.attenuation_per_m[band] * (r1 + r2)).exp();
-                    intensity.push(value * air * from.loss.factors[band] * to.loss.factors[band]);
-                }
-                if scene.simulation.transport == Transport::Utd {
-                    let Some(rays) = DoorRays::new(&self.x, &self.y, from.position, to.position) else { continue };
-                    let air = |m: &f64| (-m * (r1 + r2)).exp();
-                    let factors = from.loss.factors.iter().zip(&to.loss.factors).zip(&scene.air.attenuation_per_m);
-                    let amplitudes: Vec<f64> = factors.map(|((a, b), m)| (a * b * air(m)).sqrt()).collect();
-                    for ((intensity, spectrum), amplitude) in intensity.iter_mut().zip(spectra).zip(&amplitudes) {
-                        let nodes = utd::band_nodes(spectrum, rays.detour_m());
-                        let mean = nodes.iter().map(|(k, weight)| weight * rays.pressure(*k).norm_sqr()).sum::<f64>();
-                        *intensity = mean * amplitude * amplitude;
-                    }
-                    waves.push(Wave {
-                        length_m: r1 + r2,
-                        wander_m: rays.detour_m(),
-                        sound: Sound::at(move |band, k| amplitudes[band] * rays.pressure(k)),
-                    });
-                } else if scene.adds_pressures() {
-                    // The phase is that of the shortest way.
-                    let amplitudes: Vec<f64> = intensity.iter().map(|i| i.sqrt()).collect();
-                    waves.push(Wave {
-                        length_m: r1 + r2,
-                        wander_m: 0.0,
-                        sound: Sound::at(move |band, k| Complex64::from_polar(amplitudes[band], k * (r1 + r2))),
-                    });
-                }
-                // The frequency grid and the panels are converged to this; the model itself: docs/verification.md.
-                let error = intensity.iter().map(|i| 1e-4 * i).collect();
-                let label = gap.label(geometry, source, from.image, probe, to.image);
-                let delay_s = (r1 + r2) / scene.air.speed_of_sound_m_s;
-                let key = (from.image, to.image);
-                paths.push((key, EarlyPath { label, reflections, delay_s, intensity, error }));
+                let length_m = (over - from.position).length() + (to.position - over).length();
+                let air = scene.air.attenuation_per_m.iter().map(|m| (-m * length_m).exp());
+                let factors = from.loss.factors.iter().zip(&to.loss.factors).zip(air).map(|((a, b), air)| a * b * air);
+                let factors = factors.collect();
+                ways.push(Way { from, to, over, length_m, seen, mirrored, factors, reflections });
             }
+        }
+        let mut intensities = self.intensities(scene, spectra, &ways, &places);
+        let mut paths = Vec::new();
+        for (way, intensity) in ways.iter().zip(&mut intensities) {
+            let (from, to, length_m) = (way.from.position, way.to.position, way.length_m);
+            if scene.simulation.transport == Transport::Utd {
+                let Some(rays) = DoorRays::new(&self.x, &self.y, from, to) else { continue };
+                let amplitudes: Vec<f64> = way.factors.iter().map(|factor| factor.sqrt()).collect();
+                for ((intensity, spectrum), amplitude) in intensity.iter_mut().zip(spectra).zip(&amplitudes) {
+                    let nodes = utd::band_nodes(spectrum, rays.detour_m());
+                    let mean = nodes.iter().map(|(k, weight)| weight * rays.pressure(*k).norm_sqr()).sum::<f64>();
+                    *intensity = mean * amplitude * amplitude;
+                }
+                waves.push(Wave {
+                    length_m,
+                    wander_m: rays.detour_m(),
+                    sound: Sound::at(move |band, k| amplitudes[band] * rays.pressure(k)),
+                });
+            } else if scene.adds_pressures() {
+                waves.push(self.as_pressure(pair, way, intensity));
+            }
+            // The frequency grid and the panels are converged to this; the model itself: docs/verification.md.
+            let error = intensity.iter().map(|i| 1e-4 * i).collect();
+            let label = gap.label(geometry, source, way.from.image, probe, way.to.image);
+            let delay_s = length_m / scene.air.speed_of_sound_m_s;
+            let intensity = std::mem::take(intensity);
+            let key = (way.from.image, way.to.image);
+            paths.push((key, EarlyPath { label, reflections: way.reflections, delay_s, intensity, error }));
         }
         paths
     }
 
+    /// Intensities, one list a way, one value a band.
+    ///
+    /// Only the strongest ways are reckoned with all frequencies and corners: the others bring less than [`WEAK`] of the whole in
+    /// sum.
+    fn intensities(&self, scene: &Scene, spectra: &[Spectrum], ways: &[Way<'_>], places: &[DVec3]) -> Vec<Vec<f64>> {
+        let mut all = vec![vec![0.0; spectra.len()]; ways.len()];
+        if scene.simulation.transport == Transport::Utd {
+            // Below, as pressures.
+            return all;
+        }
+        for (band, spectrum) in spectra.iter().enumerate() {
+            let at = |way: &Way<'_>, carefully: bool| self.intensity(scene, (band, spectrum), way, places, carefully);
+            if ways.len() <= FEW_WAYS {
+                all.iter_mut().zip(ways).for_each(|(values, way)| values[band] = at(way, true));
+                continue;
+            }
+            let values: Vec<f64> = ways.iter().map(|way| at(way, false)).collect();
+            let mut order: Vec<usize> = (0..ways.len()).collect();
+            order.sort_by(|a, b| values[*b].total_cmp(&values[*a]));
+            let mut left: f64 = values.iter().sum();
+            let weak = WEAK * left;
+            for i in order {
+                let better = left > weak && self.is_rough(&ways[i], band);
+                all[i][band] = if better { at(&ways[i], true) } else { values[i] };
+                left -= values[i];
+            }
+        }
+        all
+    }
+
+    fn is_rough(&self, way: &Way<'_>, band: usize) -> bool {
+        let rough = |bands: &[OnceLock<Rectangle>]| {
+            bands[band].get().is_some_and(|r| r.is_rough(way.from.position, way.to.position))
+        };
+        rough(&self.bands) || way.mirrored.is_some_and(|(m, _)| rough(&m.bands))
+    }
+
+    /// Intensity of a way in a band.
+    fn intensity(
+        &self,
+        scene: &Scene,
+        (band, spectrum): (usize, &Spectrum),
+        way: &Way<'_>,
+        places: &[DVec3],
+        carefully: bool,
+    ) -> f64 {
+        let own = || self.seen_part(self.alone(scene, band, spectrum), spectrum, way, places, carefully);
+        let value = match way.mirrored {
+            None => own(),
+            Some((m, first)) => {
+                // A plane that absorbs mirrors the opening by the share of the pressure that it reflects.
+                let f = m.factors[band];
+                let both = || {
+                    let whole = self.with_images(scene, m, band, spectrum);
+                    let share = seen_share(&way.seen, places, way.over, self.zone_m2(spectrum, way, places));
+                    share * whole.intensity(way.from.position, way.to.position, carefully).max(0.0)
+                };
+                let alone = if f < 1.0 { (1.0 - f) * own() } else { 0.0 };
+                alone + if first && f > 0.0 { f * both() } else { 0.0 }
+            }
+        };
+        value * way.factors[band]
+    }
+
+    /// The openings without images.
+    fn alone(&self, scene: &Scene, band: usize, spectrum: &Spectrum) -> &Rectangle {
+        self.bands[band].get_or_init(|| Rectangle::new(&self.x, &self.y, self.depth_m, spectrum, jambs(scene)))
+    }
+
+    /// The openings with their images.
+    fn with_images<'a>(&self, scene: &Scene, m: &'a Mirrored, band: usize, spectrum: &Spectrum) -> &'a Rectangle {
+        m.bands[band].get_or_init(|| Rectangle::new(&m.x, &m.y, self.depth_m, spectrum, jambs(scene)))
+    }
+
+    /// A way as a pressure: its course is that of the openings together with the images that they mostly have, the band means of
+    /// |p|^2 are `intensity`.
+    fn as_pressure<'a>(&self, pair: &Pair<'_>, way: &Way<'_>, intensity: &[f64]) -> Wave<'a> {
+        let mut wander_m = 0.0_f64;
+        let mut pressures = Vec::new();
+        for (band, (spectrum, intensity)) in pair.spectra.iter().zip(intensity).enumerate() {
+            let rectangle = self.mostly(pair.scene, way.mirrored, band, spectrum);
+            let passed = rectangle.pressure(way.from.position, way.to.position, way.length_m);
+            wander_m = wander_m.max(passed.wander_m);
+            let (low, high) = (spectrum.low_k(), spectrum.high_k());
+            let nodes = gauss_nodes(low, high, frequencies(FEW, high - low, passed.wander_m));
+            let mean: f64 = nodes.map(|(k, weight)| weight * (passed.pressure)(k).norm_sqr()).sum();
+            pressures.push((passed.pressure, (intensity / mean.max(f64::MIN_POSITIVE)).sqrt()));
+        }
+        let pressure = move |band: usize, k: f64| pressures[band].0(k) * pressures[band].1;
+        Wave { length_m: way.length_m, wander_m, sound: Sound::at(pressure) }
+    }
+
+    /// The openings with the images that they mostly have.
+    fn mostly<'a>(
+        &'a self,
+        scene: &Scene,
+        mirrored: Option<(&'a Mirrored, bool)>,
+        band: usize,
+        spectrum: &Spectrum,
+    ) -> &'a Rectangle {
+        match mirrored {
+            Some((m, true)) if m.factors[band] > 0.5 => self.with_images(scene, m, band, spectrum),
+            _ => self.alone(scene, band, spectrum),
+        }
+    }
+
+    /// Pressures through the openings between two places in their frame, one a band; `None` if that way is another's mirror image.
+    pub(super) fn passed(&self, pair: &Pair<'_>, from: DVec3, to: DVec3, length_m: f64) -> Option<Vec<Passed>> {
+        let mirrored = self.mirrored.as_ref().map(|m| (m, self.first_of_images(m, from, to)));
+        if mirrored.is_some_and(|(m, first)| !first && m.factors.iter().any(|f| *f > 0.5)) {
+            return None;
+        }
+        let bands = pair.spectra.iter().enumerate();
+        let passed = |(band, spectrum): (usize, &Spectrum)| {
+            self.mostly(pair.scene, mirrored, band, spectrum).pressure(from, to, length_m)
+        };
+        Some(bands.map(passed).collect())
+    }
+
     /// Limits along x and along y.
-    pub(super) fn masks(&self) -> [&Mask; 2] {
-        [&self.x, &self.y]
+    pub(super) fn masks(&self) -> (&Mask, &Mask) {
+        (&self.x, &self.y)
     }
 
     pub(super) fn depth_m(&self) -> f64 {
@@ -226,17 +336,16 @@ impl Rectangles {
 
     /// Intensity in a band between two places in the openings' frame, as if nothing else stood in the way.
     pub(super) fn whole(&self, pair: &Pair<'_>, band: usize, from: DVec3, to: DVec3) -> f64 {
-        let spectrum = &pair.spectra[band];
-        let new = |x: &Mask, y: &Mask| Rectangle::new(x, y, self.depth_m, spectrum, Jambs::Rigid);
-        let own = || self.bands[band].get_or_init(|| new(&self.x, &self.y)).intensity(from, to).max(0.0);
+        let (scene, spectrum) = (pair.scene, &pair.spectra[band]);
+        let own = || self.alone(scene, band, spectrum).intensity(from, to, true).max(0.0);
         let Some(mirrored) = &self.mirrored else { return own() };
         let f = mirrored.factors[band];
         let alone = if f < 1.0 { (1.0 - f) * own() } else { 0.0 };
         if f == 0.0 || !self.first_of_images(mirrored, from, to) {
             return alone;
         }
-        let both = mirrored.bands[band].get_or_init(|| new(&mirrored.x, &mirrored.y));
-        alone + f * both.intensity(from, to).max(0.0)
+        let both = self.with_images(scene, mirrored, band, spectrum);
+        alone + f * both.intensity(from, to, true).max(0.0)
     }
 
     /// Whether the way from `from` to `to` crosses the openings and not their images: of two ways that are mirror images of each
@@ -258,29 +367,31 @@ impl Rectangles {
         &self,
         rectangle: &Rectangle,
         spectrum: &Spectrum,
-        (from, to): (&Sight, &Sight),
-        (over, r1, r2): (DVec3, f64, f64),
-        (seen, places): (&[bool], &[DVec3]),
+        way: &Way<'_>,
+        places: &[DVec3],
+        carefully: bool,
     ) -> f64 {
-        let (from, to) = (from.position, to.position);
+        let (from, to) = (way.from.position, way.to.position);
         let dark = |part: &[bool]| part.iter().all(|s| !s);
-        if seen.chunks(25).any(dark) {
+        if way.seen.chunks(25).any(dark) {
             // Openings that are hidden take no part.
-            let lit = seen.chunks(25).zip(places.chunks(25)).enumerate().filter(|(_, (seen, _))| !dark(seen));
+            let lit = way.seen.chunks(25).zip(places.chunks(25)).enumerate().filter(|(_, (seen, _))| !dark(seen));
             return lit
                 .map(|(i, (seen, places))| {
-                    let zone = self.zone_m2(spectrum, r1, r2, places);
-                    let value = rectangle.part(i).intensity(from, to).max(0.0);
-                    value * seen_share(seen, places, over, zone)
+                    let zone = self.zone_m2(spectrum, way, places);
+                    let value = rectangle.part(i).intensity(from, to, carefully).max(0.0);
+                    value * seen_share(seen, places, way.over, zone)
                 })
                 .sum();
         }
-        rectangle.intensity(from, to).max(0.0) * seen_share(seen, places, over, self.zone_m2(spectrum, r1, r2, places))
+        let share = seen_share(&way.seen, places, way.over, self.zone_m2(spectrum, way, places));
+        rectangle.intensity(from, to, carefully).max(0.0) * share
     }
 
     /// Area in m^2 about the shortest way that counts: the first Fresnel zone, or a cell between the places.
-    fn zone_m2(&self, spectrum: &Spectrum, r1: f64, r2: f64, places: &[DVec3]) -> f64 {
+    fn zone_m2(&self, spectrum: &Spectrum, way: &Way<'_>, places: &[DVec3]) -> f64 {
         let cell = (places[1].x - places[0].x) * (places[5].y - places[0].y);
+        let (r1, r2) = ((way.over - way.from.position).length(), (way.to.position - way.over).length());
         (spectrum.mean_wavelength_m() * r1 * r2 / (r1 + r2)).max(cell.abs())
     }
 
@@ -339,6 +450,10 @@ impl DoorRays {
     fn detour_m(&self) -> f64 {
         self.sides.iter().map(|(rays, _)| rays.detour_m()).sum()
     }
+}
+
+fn jambs(scene: &Scene) -> Jambs {
+    if scene.simulation.transport == Transport::Paraxial { Jambs::Paraxial } else { Jambs::Rigid }
 }
 
 fn unsolved(scene: &Scene) -> Vec<OnceLock<Rectangle>> {

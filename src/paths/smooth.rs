@@ -9,6 +9,7 @@ use std::sync::LazyLock;
 use num_complex::Complex64;
 
 use crate::wbsdf::crossing::Spectrum;
+use crate::wbsdf::series::polynomials;
 use crate::wbsdf::slit::gauss_nodes;
 use crate::wbsdf::wedge::Between;
 
@@ -44,16 +45,6 @@ static COEFFICIENTS: LazyLock<[[f64; NODES]; NODES]> = LazyLock::new(|| {
     }
     table
 });
-
-/// P_0(x), P_1(x), ...
-pub(super) fn polynomials(x: f64) -> impl Iterator<Item = f64> {
-    let mut state = (1.0, x, 1.0);
-    std::iter::from_fn(move || {
-        let (p, next, n) = state;
-        state = (next, ((2.0 * n + 1.0) * x * next - n * p) / (n + 1.0), n + 1.0);
-        Some(p)
-    })
-}
 
 impl Nodes {
     /// One a band.

@@ -2,15 +2,16 @@
 
 use num_complex::Complex64;
 
-use super::smooth::{NODES, Nodes, Smooth, polynomials, turn};
+use super::smooth::{NODES, Nodes, Smooth, turn};
 use crate::wbsdf::crossing::Spectrum;
+use crate::wbsdf::series::Legendre;
 use crate::wbsdf::slit::gauss_nodes;
 
 /// Most frequencies a band. More are needed only where ways differ by hundreds of wavelengths, whose interference the mean
 /// over a band leaves little of.
 const MOST_FREQUENCIES: usize = 4096;
 /// Frequencies a band that resolve the interference about one edge or opening.
-const FEW: usize = 8;
+pub(super) const FEW: usize = 8;
 /// Those of the coherent second opinion, which takes every wave at every frequency.
 const MANY: usize = 32;
 /// Waves below this share of the strongest one are left out: together with it 0.0002 dB.
@@ -160,7 +161,10 @@ fn coherent(
     for Heard { wave, smooth: values, .. } in waves {
         let turned = |k: f64, value: Complex64| value * turn(k * (wave.length_m - shortest));
         let series = match (values, &wave.sound) {
-            (Some(values), _) => Legendre::through([low, high], smooth.k.iter().copied().zip(*values)),
+            (Some(values), _) => {
+                let mut values = values.iter().copied();
+                Legendre::through([low, high], smooth.k.len(), |_| values.next().unwrap_or_default())
+            }
             (None, Sound::Smooth(_)) => continue,
             (None, Sound::At(pressure)) => {
                 let envelope = |k: f64| pressure(band, k) * turn(-k * wave.length_m);
@@ -171,7 +175,7 @@ fn coherent(
                     }
                     continue;
                 }
-                Legendre::through([low, high], gauss_nodes(low, high, count).map(|(k, _)| (k, envelope(k))))
+                Legendre::through([low, high], count, envelope)
             }
         };
         for (sum, (k, _)) in sum.iter_mut().zip(&nodes) {
@@ -182,42 +186,12 @@ fn coherent(
 }
 
 /// Gauss nodes for |p|^2 over a band of width `dk` in 1/m whose ways differ by `apart_m`; one for a tone.
-fn frequencies(fewest: usize, dk: f64, apart_m: f64) -> usize {
+pub(super) fn frequencies(fewest: usize, dk: f64, apart_m: f64) -> usize {
     if dk <= 0.0 {
         return 1;
     }
     // As a float: anything longer is cut off.
     (8.0 + PER_RADIAN * dk * apart_m).ceil().clamp(fewest as f64, MOST_FREQUENCIES as f64) as usize
-}
-
-/// A Legendre series on an interval.
-struct Legendre {
-    middle: f64,
-    half: f64,
-    coefficients: Vec<Complex64>,
-}
-
-impl Legendre {
-    /// Through values at Gauss nodes.
-    fn through([low, high]: [f64; 2], values: impl Iterator<Item = (f64, Complex64)>) -> Self {
-        let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
-        let values: Vec<(f64, Complex64)> = values.collect();
-        let mut coefficients = vec![Complex64::ZERO; values.len()];
-        if half == 0.0 {
-            coefficients.truncate(1);
-        }
-        for ((k, value), (_, weight)) in values.iter().zip(gauss_nodes(low, high, values.len())) {
-            let x = if half > 0.0 { (k - middle) / half } else { 0.0 };
-            for (n, (c, p)) in coefficients.iter_mut().zip(polynomials(x)).enumerate() {
-                *c += value * (weight * p * (2 * n + 1) as f64);
-            }
-        }
-        Self { middle, half: if half > 0.0 { half } else { 1.0 }, coefficients }
-    }
-
-    fn at(&self, k: f64) -> Complex64 {
-        self.coefficients.iter().zip(polynomials((k - self.middle) / self.half)).map(|(c, p)| c * p).sum()
-    }
 }
 
 #[cfg(test)]

@@ -19,7 +19,8 @@ use glam::DVec3;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use num_complex::Complex64;
 
-use super::overlap::{SideFunctions, functions};
+use super::hankel::sin_cos;
+use super::overlap::{SideFunctions, chebyshev, functions};
 use super::thick::impedances;
 
 /// Digits (as a power of e) to which the moments are summed.
@@ -93,24 +94,25 @@ impl Hatch {
         let [x, y] = &self.sides;
         let across_x = nodes(x, from.x, z.hypot(beyond(from.y, y.half_m)), highest);
         let across_y = nodes(y, from.y, z.hypot(beyond(from.x, x.half_m)), highest);
-        let distance = |x: f64, y: f64| (x * x + y * y + z * z).sqrt();
         let mut sums = vec![vec![Complex64::ZERO; x.count * y.count]; self.at.len()];
         let mut row = vec![Complex64::ZERO; x.count];
-        let mut lengths = vec![0.0; across_x.len()];
-        for b in &across_y {
-            lengths.iter_mut().zip(&across_x).for_each(|(r, a)| *r = distance(from.x - a.x_m, from.y - b.x_m));
+        let mut lengths = vec![0.0; across_x.x_m.len()];
+        let mut waves = vec![(0.0, 0.0); lengths.len()];
+        for (b, b_functions) in across_y.each() {
+            let square = (from.y - b).powi(2) + z * z;
+            lengths.iter_mut().zip(&across_x.x_m).for_each(|(r, a)| *r = ((from.x - a).powi(2) + square).sqrt());
             for (at, sums) in self.at.iter().zip(&mut sums) {
+                waves.iter_mut().zip(&lengths).for_each(|(wave, r)| *wave = sin_cos(at.k * r));
                 row.fill(Complex64::ZERO);
-                for (a, r) in across_x.iter().zip(&lengths) {
-                    let (sin, cos) = (at.k * r).sin_cos();
+                for ((_, a_functions), (r, (sin, cos))) in across_x.each().zip(lengths.iter().zip(&waves)) {
                     let (re, im) = (cos / r, sin / r);
-                    for (value, f) in row.iter_mut().zip(&a.functions) {
+                    for (value, f) in row.iter_mut().zip(a_functions) {
                         value.re += re * f;
                         value.im += im * f;
                     }
                 }
                 for (sums, value) in sums.chunks_exact_mut(y.count).zip(&row) {
-                    sums.iter_mut().zip(&b.functions).for_each(|(sum, f)| *sum += value * f);
+                    sums.iter_mut().zip(b_functions).for_each(|(sum, f)| *sum += value * f);
                 }
             }
         }
@@ -151,8 +153,12 @@ impl Hatch {
 
     /// Intensity at a receiver relative to the source's free field at 1 m, mean over the wave numbers.
     pub fn intensity(&self, driven: &Driven, receiver: &View) -> f64 {
-        let pairs = driven.0.iter().zip(&receiver.0).zip(&self.at);
-        pairs.map(|((driven, seen), at)| at.weight * driven.dot(seen).norm_sqr()).sum()
+        self.pressures(driven, receiver).zip(&self.at).map(|(p, at)| at.weight * p.norm_sqr()).sum()
+    }
+
+    /// Pressures at a receiver relative to the modulus of the source's free field at 1 m, one a wave number.
+    pub fn pressures(&self, driven: &Driven, receiver: &View) -> impl Iterator<Item = Complex64> {
+        driven.0.iter().zip(&receiver.0).map(|(driven, seen)| driven.dot(seen))
     }
 }
 
@@ -218,17 +224,24 @@ fn blocks<T: nalgebra::Scalar>(sides: &[SideFunctions; 2], value: impl Fn((usize
     PARITIES.iter().map(block).collect()
 }
 
-/// A place along a side with the values of its functions times sqrt(1 - x^2) and the weight.
-struct Node {
-    x_m: f64,
+/// Places along a side with the values of its functions times sqrt(1 - x^2) and the weight, place after place.
+struct Nodes {
+    x_m: Vec<f64>,
     functions: Vec<f64>,
+    count: usize,
+}
+
+impl Nodes {
+    fn each(&self) -> impl Iterator<Item = (f64, &[f64])> {
+        self.x_m.iter().copied().zip(self.functions.chunks_exact(self.count))
+    }
 }
 
 /// Nodes along a side for the field of a point at `x_m` along it and `off_m` from it: x = a cos(tau).
 ///
 /// The field is singular at tau with cos(tau) = (x + i off)/a. Far from the real axis even steps of tau converge
 /// exponentially at the rate of that distance; near it Gauss panels grow from it.
-fn nodes(side: &SideFunctions, x_m: f64, off_m: f64, k: f64) -> Vec<Node> {
+fn nodes(side: &SideFunctions, x_m: f64, off_m: f64, k: f64) -> Nodes {
     let pole = Complex64::new(x_m / side.half_m, off_m / side.half_m).acosh();
     let (near, at) = (pole.re.abs().max(1e-7), pole.im.abs());
     let phase = side.count as f64 + k * side.half_m;
@@ -248,11 +261,13 @@ fn nodes(side: &SideFunctions, x_m: f64, off_m: f64, k: f64) -> Vec<Node> {
             }
         }
     }
-    let place = |(tau, weight): (f64, f64)| {
-        let functions = (0..side.count).map(|m| weight * (m as f64 * tau).cos()).collect();
-        Node { x_m: side.half_m * tau.cos(), functions }
-    };
-    taus.into_iter().map(place).collect()
+    let mut functions = vec![0.0; taus.len() * side.count];
+    for ((tau, weight), values) in taus.iter().zip(functions.chunks_exact_mut(side.count)) {
+        chebyshev(tau.cos(), values);
+        values.iter_mut().for_each(|value| *value *= weight);
+    }
+    let x_m = taus.iter().map(|(tau, _)| side.half_m * tau.cos()).collect();
+    Nodes { x_m, functions, count: side.count }
 }
 
 /// Transmitted power of a plane wave at normal incidence over the power that meets the area of the opening, mean over the wave

@@ -18,6 +18,7 @@ pub mod rectangle;
 pub mod referee;
 pub mod rim;
 pub mod scatter;
+pub mod series;
 pub mod slit;
 pub mod tables;
 pub mod thick;

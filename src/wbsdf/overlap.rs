@@ -17,9 +17,9 @@ use nalgebra::DMatrix;
 
 use super::slit::gauss_nodes;
 
-/// Functions of a side beyond those that its phase asks for: levels are converged to 0.005 dB for points farther than a sixth of
-/// the longer side (docs/physics.md section 4).
-const FUNCTIONS: f64 = 8.0;
+/// Functions of a side beyond those that its phase asks for: octave levels are converged to 0.0004 dB from half a longer side on,
+/// to 0.01 dB from a sixth of it (docs/physics.md section 4).
+const FUNCTIONS: f64 = 6.0;
 /// Panels of separations: the smallest ends at 2/5^9 = 1e-6, what lies below changes nothing.
 const PANELS: i32 = 10;
 /// Ratio of the limits of a panel, and its least number of nodes (error 3e-7).
@@ -121,7 +121,7 @@ fn pairs(count: usize) -> usize {
 }
 
 /// T_0(x) .. T_(n-1)(x) by their recurrence.
-fn chebyshev(x: f64, values: &mut [f64]) {
+pub(super) fn chebyshev(x: f64, values: &mut [f64]) {
     let (mut one, mut two) = (1.0, x);
     for value in values {
         *value = one;

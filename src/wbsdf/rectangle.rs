@@ -1,28 +1,41 @@
 //! A rectangular opening between two points: exact (hatch.rs) where its longer side is a few wavelengths, beyond that the
 //! pressures of its edges (rim.rs).
+//!
+//! Edges that end know nothing of the corner between them. In the shadow of a corner, where the way over it is the
+//! shortest, it alone is heard and a corner has no length of its own: what the edges miss is what they miss of a smaller opening with
+//! the same corner, small enough to be solved exactly. There the edges' intensity is multiplied by the ratio of the exact solution to
+//! the edges of that smaller opening.
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use glam::DVec3;
+use num_complex::Complex64;
 
 use super::crossing::Spectrum;
 use super::hatch::{Driven, Hatch, View, transmission, unknowns};
 use super::mask::{Jambs, Mask};
 use super::product::paraxial_intensity;
-use super::rim::{NARROW_SIDE_KA, Rim, only};
+use super::rim::{NARROW_SIDE_KA, ROUGH, Rim, facing, only, shortest_over, span};
+use super::series::Legendre;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
 use super::thick::is_thick;
 
 /// k times width of both sides up to which traced rays meet a small hole.
 const SMALL_HOLE_KA: f64 = 3.0;
 /// Unknowns of the exact rectangle between which the edges take over from it: k times the side 16 to 25 for squares, more
-/// for slender openings. A band costs up to 0.1 s there, and eight times that an octave further.
-const EXACT_UNKNOWNS: [f64; 2] = [260.0, 420.0];
+/// for slender openings.
+const EXACT_UNKNOWNS: [f64; 2] = [220.0, 360.0];
+/// Unknowns of the smaller opening that stands for a corner: k times the side 17.
+const CORNER_UNKNOWNS: f64 = 210.0;
 /// Distances of the farther of source and receiver from the opening, in longer sides, between which the exact rectangle
 /// takes over from the edges: its functions do not resolve the field between two points that are nearer.
 const EXACT_FROM: [f64; 2] = [0.08, 0.16];
+
+/// Radians by which the way over a corner is longer than those over either of its edges (without ends), between which
+/// the corner is heard alone.
+const CORNER_ALONE: [f64; 2] = [0.0, 1.0];
 
 /// How a rectangular opening is modelled in a band.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -68,6 +81,8 @@ pub struct Rectangle {
     /// Points that the exact rectangle has met, by the bits of their coordinates.
     met: Mutex<HashMap<[u64; 3], Arc<Met>>>,
     rim: OnceLock<Rim>,
+    /// An opening of the same corners that is small enough to be solved exactly, about the origin.
+    corner: OnceLock<Box<Self>>,
     /// The openings one by one where there are several.
     parts: Vec<Self>,
 }
@@ -96,17 +111,18 @@ impl Rectangle {
         let several = x.openings().len() > 1;
         let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, thickness_m, spectrum, jambs);
         let parts = if several { x.openings().iter().map(part).collect() } else { Vec::new() };
-        let (met, rim) = (Mutex::default(), OnceLock::new());
-        Self { x: x.clone(), y: y.clone(), thickness_m, spectrum: *spectrum, jambs, exact, met, rim, parts }
+        let (met, rim, corner) = (Mutex::default(), OnceLock::new(), OnceLock::new());
+        Self { x: x.clone(), y: y.clone(), thickness_m, spectrum: *spectrum, jambs, exact, met, rim, corner, parts }
     }
 
     /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
     /// mean. Both in the opening's frame (x and y along its sides, z the normal, in m), on opposite sides of z = 0.
-    /// Swapping them changes nothing.
+    /// Swapping them changes nothing. Not `carefully`, wide openings are taken by their edges alone at few frequencies: within a fifth,
+    /// up to 3 dB too low in the shadow of a corner.
     ///
     /// Several openings: what they pass one by one, times what their edges say
     /// that they pass together.
-    pub fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
+    pub fn intensity(&self, source: DVec3, receiver: DVec3, carefully: bool) -> f64 {
         if self.jambs == Jambs::Paraxial {
             return paraxial_intensity(&self.x, &self.y, source, receiver, &self.spectrum);
         }
@@ -114,20 +130,106 @@ impl Rectangle {
             let sum = |f: &dyn Fn(&Self) -> f64| self.parts.iter().map(f).sum::<f64>();
             let apart = sum(&|part| part.rim(source, receiver));
             let together = self.rim(source, receiver);
-            return if apart > 0.0 { together * sum(&|part| part.intensity(source, receiver)) / apart } else { 0.0 };
+            return if apart > 0.0 {
+                together * sum(&|part| part.intensity(source, receiver, carefully)) / apart
+            } else {
+                0.0
+            };
         }
         let share = self.exact_share(source, receiver);
-        let exact = match &self.exact {
-            Some(hatch) if share > 0.0 => {
-                let (from, to) = (self.meet(hatch, source), self.meet(hatch, receiver));
-                hatch.intensity(from.driven.get_or_init(|| hatch.driven(&from.view)), &to.view)
-            }
-            _ => 0.0,
-        };
+        let exact = if share > 0.0 { self.exactly(source, receiver) } else { 0.0 };
         if share == 1.0 {
             return exact;
         }
-        share * exact + (1.0 - share) * self.rim(source, receiver)
+        let edges = if carefully {
+            self.rim(source, receiver) * self.corner(source, receiver)
+        } else {
+            self.edges().intensity(source, receiver, ROUGH)
+        };
+        share * exact + (1.0 - share) * edges
+    }
+
+    /// The pressure at `receiver` relative to the modulus of the free field at 1 m at any wave number of the band, with the phase
+    /// of the whole way, which is `length_m` at least.
+    pub fn pressure(&self, source: DVec3, receiver: DVec3, length_m: f64) -> Passed {
+        let way = move |k: f64| Complex64::from_polar(1.0, k * length_m);
+        if self.jambs == Jambs::Paraxial {
+            return Passed { wander_m: 0.0, pressure: Box::new(way) };
+        }
+        let share = self.exact_share(source, receiver);
+        let rim = (share < 1.0).then(|| self.edges().pressure(source, receiver));
+        // Half a diagonal more than the shortest way is the middle of the others.
+        let middle_m = length_m + 0.5 * diagonal_m(&self.x, &self.y);
+        let exact = self.exact.as_ref().filter(|_| share > 0.0).map(|hatch| {
+            let (from, to) = (self.meet(hatch, source), self.meet(hatch, receiver));
+            let driven = from.driven.get_or_init(|| hatch.driven(&from.view));
+            let values: Vec<Complex64> = hatch.pressures(driven, &to.view).collect();
+            let mut values = values.iter();
+            Legendre::through([self.spectrum.low_k(), self.spectrum.high_k()], values.len(), |k| {
+                values.next().map_or(Complex64::ZERO, |p| p * Complex64::from_polar(1.0, -k * middle_m))
+            })
+        });
+        let exact_m = exact.as_ref().map_or(0.0, |_| diagonal_m(&self.x, &self.y));
+        let wander_m = rim.as_ref().map_or(0.0, |(_, wander_m)| *wander_m).max(exact_m);
+        let pressure = move |k: f64| {
+            let exact =
+                exact.as_ref().map_or(Complex64::ZERO, |e| e.at(k) * Complex64::from_polar(share, k * middle_m));
+            exact + rim.as_ref().map_or(Complex64::ZERO, |(rim, _)| rim(k) * (1.0 - share))
+        };
+        Passed { wander_m, pressure: Box::new(pressure) }
+    }
+
+    /// Whether [`Rectangle::intensity`] differs if done carefully.
+    pub fn is_rough(&self, source: DVec3, receiver: DVec3) -> bool {
+        self.jambs == Jambs::Rigid && self.exact_share(source, receiver) < 1.0
+    }
+
+    /// By the exact rectangle, 0 where it is not solved.
+    fn exactly(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let Some(hatch) = &self.exact else { return 0.0 };
+        let (from, to) = (self.meet(hatch, source), self.meet(hatch, receiver));
+        hatch.intensity(from.driven.get_or_init(|| hatch.driven(&from.view)), &to.view)
+    }
+
+    /// What a corner changes of the intensity that its edges send.
+    fn corner(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let (Some(x_m), Some(y_m)) = (only(&self.x), only(&self.y)) else { return 1.0 };
+        let k = 0.5 * (self.spectrum.low_k() + self.spectrum.high_k());
+        let sides = [x_m[1] - x_m[0], y_m[1] - y_m[0]];
+        let Some((corner, detour_m)) = self.in_shadow_of(source, receiver) else { return 1.0 };
+        let alone = 1.0 - fade(k * detour_m, CORNER_ALONE);
+        if alone == 0.0 {
+            return 1.0;
+        }
+        let small = self.corner.get_or_init(|| {
+            let small = solvable(sides, k);
+            let [x, y] = small.map(|side| Mask::new(&[[-0.5 * side, 0.5 * side]]));
+            // Wide openings are thin; a gap keeps its width and its depth.
+            let gap = small[0].min(small[1]) == sides[0].min(sides[1]);
+            let thickness_m = if gap { self.thickness_m } else { 0.0 };
+            Box::new(Self::new(&x, &y, thickness_m, &self.spectrum, self.jambs))
+        });
+        let half = [&small.x, &small.y].map(|mask| span(mask)[1]);
+        let inward = |at: f64, limits: [f64; 2], half: f64| if at == limits[0] { at + half } else { at - half };
+        let middle = DVec3::new(inward(corner.x, x_m, half[0]), inward(corner.y, y_m, half[1]), 0.0);
+        let (source, receiver) = (source - middle, receiver - middle);
+        let edges = small.rim(source, receiver);
+        if edges > 0.0 { alone * small.exactly(source, receiver) / edges + 1.0 - alone } else { 1.0 }
+    }
+
+    /// The corner over which the shortest way leads, and by how much in m it is longer than over the edges without ends.
+    fn in_shadow_of(&self, source: DVec3, receiver: DVec3) -> Option<(DVec3, f64)> {
+        let (source, receiver) = facing(source, receiver);
+        let over = shortest_over(source, receiver, &self.x, &self.y)?;
+        let at_limit = |x: f64, mask: &Mask| span(mask).contains(&x);
+        if !at_limit(over.x, &self.x) || !at_limit(over.y, &self.y) {
+            return None;
+        }
+        let way = (over - source).length() + (receiver - over).length();
+        let (into, out) = (over - source, receiver - over);
+        let over_x = (into.x.hypot(into.z) + out.x.hypot(out.z)).hypot(receiver.y - source.y);
+        let over_y = (into.y.hypot(into.z) + out.y.hypot(out.z)).hypot(receiver.x - source.x);
+        Some((over, (way - over_x).min(way - over_y)))
     }
 
     /// The opening number `i` alone, all of them if there is no such one.
@@ -141,9 +243,12 @@ impl Rectangle {
         self.parts.iter().for_each(Self::forget_points);
     }
 
+    fn edges(&self) -> &Rim {
+        self.rim.get_or_init(|| Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum))
+    }
+
     fn rim(&self, source: DVec3, receiver: DVec3) -> f64 {
-        let new = || Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum);
-        self.rim.get_or_init(new).intensity(source, receiver)
+        self.edges().intensity(source, receiver, MOST_FREQUENCIES)
     }
 
     fn meet(&self, hatch: &Hatch, point: DVec3) -> Arc<Met> {
@@ -176,13 +281,39 @@ impl Rectangle {
     }
 }
 
+/// A pressure at any wave number of a band.
+pub struct Passed {
+    /// By how much in m the ways differ that it is made of.
+    pub wander_m: f64,
+    /// The pressure at a wave number in 1/m.
+    pub pressure: Box<dyn Fn(f64) -> Complex64 + Send + Sync>,
+}
+
+/// Diagonal in m of the finite sides.
+fn diagonal_m(x: &Mask, y: &Mask) -> f64 {
+    let side = |mask: &Mask| if let Some([low, high]) = only(mask) { high - low } else { 0.0 };
+    side(x).hypot(side(y))
+}
+
+/// The sides in m, shortened to what k times them allows to be solved exactly.
+fn solvable(sides: [f64; 2], k: f64) -> [f64; 2] {
+    let (mut low, mut high) = (0.0, sides[0].max(sides[1]));
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        let [x, y] = sides.map(|side| k * side.min(middle));
+        if unknowns(x, y) < CORNER_UNKNOWNS { low = middle } else { high = middle }
+    }
+    sides.map(|side| side.min(low))
+}
+
 /// Wave numbers and weights for the mean over a band through an opening of `width_m` by `height_m` and `depth_m`.
 ///
-/// |p|^2 varies over the band like cos(k d), d at most twice the diagonal (see slit.rs). A mouth of area A sends back
+/// |p|^2 varies over the band like cos(k d), d at most twice the diagonal, and little of it beyond one and a half (octave levels are
+/// within 0.002 dB). A mouth of area A sends back
 /// 1 - k^2 A/pi of a wave in the gap (a piston's radiation), one that is wide across 1 - k a: so wide are the resonances.
 fn wave_numbers(width_m: f64, height_m: f64, depth_m: f64, spectrum: &Spectrum) -> Vec<(f64, f64)> {
     let (low, high) = (spectrum.low_k(), spectrum.high_k());
-    let smooth = 0.7 * (high - low) * (width_m.hypot(height_m) + depth_m);
+    let smooth = (high - low) * (0.35 * width_m.hypot(height_m) + 0.7 * depth_m);
     let mouth = width_m.min(height_m).min(low * width_m * height_m / PI);
     let resonances = if depth_m > 0.0 { resonant(&[[0.0, mouth]], depth_m, low, high) } else { 0.0 };
     let count = if high > low { 4 + ((smooth + resonances).ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };

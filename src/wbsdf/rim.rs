@@ -1,12 +1,13 @@
 //! Openings of many wavelengths: the direct sound and what each of their edges sends, as pressures.
 //!
 //! Each edge is that of a rigid half-plane, exact up to its ends (Biot and Tolstoy's integral between limits, wedge.rs),
-//! whatever the angle between ray and edge; so are strips with one end and openings side by side. What is diffracted by two jambs in
-//! turn is left out, and put back where a side is narrow: times the transfer of the slit of that width by the exact aperture, over the sum of
-//! its two edges alone, both between source and receiver at the distances that the shortest way has when it is unfolded. The
-//! corners themselves stay out.
+//! whatever the angle between ray and edge; so are strips with one end and openings side by side. What is diffracted by two
+//! opposite jambs in turn are the waves of two_edges.rs over both of them, which fade where that way passes beside their
+//! ends; where a side is narrow, the transfer of the slit of that width by the exact aperture over the sum of its two edges alone, both
+//! between source and receiver at the distances that the shortest way has when it is unfolded. The corners themselves stay
+//! out: see rectangle.rs.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -15,14 +16,18 @@ use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::edge::AboutEdge;
 use super::mask::Mask;
+use super::series::Legendre;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
 use super::thick::{ThickAperture, is_thick};
-use super::wedge::{Wave, WedgeField};
+use super::two_edges::Run;
+use super::wedge::{Wave, WedgeField, free_wave};
 
 /// k times width from which the exact aperture across a side loses its weight, and at which it has none.
 pub(super) const NARROW_SIDE_KA: [f64; 2] = [8.0, 12.0];
 /// The same for the depth of the gap along the narrower side.
 const DEEP_KA: [f64; 2] = [6.0, 12.0];
+/// Gauss frequencies a band, beyond five, for a sum of edges that need not be known better than by a fifth.
+pub(super) const ROUGH: usize = 8;
 /// Distance in m from the boundary of the shadow within which half of the direct sound is seen.
 const ON_BOUNDARY_M: f64 = 1e-9;
 
@@ -58,14 +63,17 @@ impl ExactSide {
         Self { deep, thin: Aperture::new(mask.openings(), k) }
     }
 
-    fn transfer(&self, crossing: &Crossing) -> f64 {
+    /// p/|p_free|.
+    fn transfer(&self, crossing: &Crossing) -> Complex64 {
         match &self.deep {
-            Some((share, deep)) if *share == 1.0 => deep.transfer(crossing).norm_sqr(),
+            Some((share, deep)) if *share == 1.0 => deep.transfer(crossing),
             Some((share, deep)) => {
-                let [deep, thin] = [deep.transfer(crossing), self.thin.transfer(crossing)].map(|t| t.norm_sqr());
-                share * deep + (1.0 - share) * thin
+                let (deep, thin) = (deep.transfer(crossing), self.thin.transfer(crossing));
+                // Both modulus and phase between the two.
+                let square = share * deep.norm_sqr() + (1.0 - share) * thin.norm_sqr();
+                Complex64::from_polar(square.sqrt(), (deep * *share + thin * (1.0 - share)).arg())
             }
-            None => self.thin.transfer(crossing).norm_sqr(),
+            None => self.thin.transfer(crossing),
         }
     }
 }
@@ -138,6 +146,42 @@ impl Edge {
     }
 }
 
+/// The wave over two opposite jambs in turn, with the share of it that the ends of the jambs leave.
+struct Twice {
+    run: Run,
+    share: f64,
+    /// Distances in m by which it passes their ends (negative: beside them), and the lengths of its way before and behind.
+    past: [(f64, f64, f64); 2],
+    sin_beta: f64,
+}
+
+impl Twice {
+    /// Over the jamb at `near` along x, then that at `far`, both between `ends_m` along y.
+    fn new(near: f64, far: f64, share: f64, ends_m: [f64; 2], [source, receiver]: [DVec3; 2]) -> Self {
+        let dy_m = receiver.y - source.y;
+        let incident = Incident::Point { x_m: source.x, z_m: source.z.abs(), dy_m };
+        let run = Run::new(near, far, &Crossing { incident, x_m: receiver.x, z_m: receiver.z.abs() });
+        let before = (source.x - near).hypot(source.z);
+        let behind = (receiver.x - far).hypot(receiver.z);
+        let width = (far - near).abs();
+        let across = before + width + behind;
+        let past = [before, before + width].map(|way| {
+            let y = source.y + dy_m * way / across;
+            ((y - ends_m[0]).min(ends_m[1] - y), way, across - way)
+        });
+        Self { run, share, past, sin_beta: across / across.hypot(dy_m) }
+    }
+
+    fn sent(&self, k: f64) -> Complex64 {
+        // Half of it is left where it meets an end, all of it a Fresnel zone inside.
+        let left = |(past, before, behind): (f64, f64, f64)| {
+            let zone = (TAU / k * before * behind / (before + behind)).sqrt() / self.sin_beta;
+            0.5 * (1.0 + (2.0 * past / zone).tanh())
+        };
+        self.run.pressure(k) * (self.share * left(self.past[0]) * left(self.past[1]))
+    }
+}
+
 /// Share of the direct sound that passes a mask at `at_m`: half on an edge, whose own part vanishes there.
 fn passes(at_m: f64, mask: &Mask) -> f64 {
     let through = |o: &[f64; 2]| match (at_m - o[0]).min(o[1] - at_m) {
@@ -185,59 +229,133 @@ impl Rim {
     }
 
     /// Intensity at `receiver` of a point source at `source`, on opposite sides of z = 0, relative to the free field at 1 m.
-    pub(super) fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
-        let single = self.single(source, receiver);
-        if self.nodes.is_empty() {
-            return single;
-        }
-        let (source, receiver) = facing(source, receiver);
-        let Some([x, y]) = unfolded(&self.x, &self.y, source, receiver) else { return 0.0 };
-        single * self.repeated(&self.x, self.across_x.as_ref(), &x) * self.repeated(&self.y, self.across_y.as_ref(), &y)
+    ///
+    /// `most`: Gauss frequencies at most, [`MOST_FREQUENCIES`] to resolve the interference of the edges, [`ROUGH`] for what is weak.
+    pub(super) fn intensity(&self, source: DVec3, receiver: DVec3, most: usize) -> f64 {
+        let single = self.field(source, receiver).mean(&self.spectrum, most);
+        let change = |(share, changes): (f64, Vec<(f64, Complex64, Complex64)>)| {
+            let mean = |of: &dyn Fn(&(f64, Complex64, Complex64)) -> f64| changes.iter().map(of).sum::<f64>();
+            let (exact, single) = (mean(&|c| c.0 * c.1.norm_sqr()), mean(&|c| c.0 * c.2.norm_sqr()));
+            if single > 0.0 { share * exact / single + 1.0 - share } else { 1.0 }
+        };
+        self.narrow_sides(source, receiver).map(change).product::<f64>() * single
     }
 
-    /// Direct sound and single diffraction, band mean.
-    fn single(&self, source: DVec3, receiver: DVec3) -> f64 {
+    /// The same as a pressure at any wave number of the band, and by how much in m its ways differ at most.
+    pub(super) fn pressure(
+        &self,
+        source: DVec3,
+        receiver: DVec3,
+    ) -> (impl Fn(f64) -> Complex64 + Send + Sync + use<>, f64) {
+        let field = self.field(source, receiver);
+        let band = [self.spectrum.low_k(), self.spectrum.high_k()];
+        let series = |(share, changes): (f64, Vec<(f64, Complex64, Complex64)>)| {
+            let mut values = changes.iter().map(|(_, exact, single)| share * exact / single + 1.0 - share);
+            Legendre::through(band, changes.len(), |_| values.next().unwrap_or(Complex64::ONE))
+        };
+        let changes: Vec<Legendre> = self.narrow_sides(source, receiver).map(series).collect();
+        let wander_m = field.wander_m();
+        (move |k| changes.iter().map(|change| change.at(k)).product::<Complex64>() * field.pressure(k), wander_m)
+    }
+
+    /// Direct sound and what is diffracted by one edge, or two opposite ones that are no narrow side.
+    fn field(&self, source: DVec3, receiver: DVec3) -> Field {
         let turned = |p: DVec3| DVec3::new(p.y, p.x, p.z);
         let (ends, turned) = ([source, receiver], [turned(source), turned(receiver)]);
-        let mut all = Vec::new();
+        let mut once = Vec::new();
         for o in self.y.openings() {
-            all.extend(edges(&self.x).map(|(x, side)| Edge::new(x, side, Some(*o), ends, &self.spectrum)));
+            once.extend(edges(&self.x).map(|(x, side)| Edge::new(x, side, Some(*o), ends, &self.spectrum)));
         }
         for o in self.x.openings() {
-            all.extend(edges(&self.y).map(|(y, side)| Edge::new(y, side, Some(*o), turned, &self.spectrum)));
+            once.extend(edges(&self.y).map(|(y, side)| Edge::new(y, side, Some(*o), turned, &self.spectrum)));
         }
+        let mut twice = Vec::new();
+        let mut add_twice = |across: &Mask, along: &Mask, exact: Option<&NarrowSide>, ends: [DVec3; 2]| {
+            let share = 1.0 - exact.map_or(0.0, |narrow| narrow.share);
+            if let (Some([low, high]), [ends_m]) = (only(across), along.openings())
+                && share > 0.0
+            {
+                twice.extend([(low, high), (high, low)].map(|(a, b)| Twice::new(a, b, share, *ends_m, ends)));
+            }
+        };
+        add_twice(&self.x, &self.y, self.across_x.as_ref(), ends);
+        add_twice(&self.y, &self.x, self.across_y.as_ref(), turned);
         let straight_m = (receiver - source).length();
         let at = source + (receiver - source) * (source.z / (source.z - receiver.z));
         let direct = passes(at.x, &self.x) * passes(at.y, &self.y) / straight_m;
-        let (low, high) = (self.spectrum.low_k(), self.spectrum.high_k());
-        let ways = || all.iter().flat_map(|e| e.field.ways_m());
-        let (first, last) = ways().fold((straight_m, 0.0), |(a, b): (f64, f64), way| (a.min(way), b.max(way)));
-        let nearest = if direct > 0.0 { first } else { ways().fold(f64::INFINITY, f64::min) };
-        let phase = (high - low) * (last - nearest).max(0.0);
-        let count = if high > low { 5 + ((0.7 * phase).ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
-        let power = |k: f64| {
-            let sent: Complex64 = all.iter().map(|edge| edge.sent(k)).sum();
-            (Complex64::from_polar(direct, k * straight_m) + sent).norm_sqr()
-        };
-        gauss_nodes(low, high, count).map(|(k, weight)| weight * power(k)).sum()
+        Field { direct, straight_m, once, twice }
     }
 
-    /// What repeated diffraction between the jambs of one side changes: the exact transfer over that of its edges alone.
-    fn repeated(&self, mask: &Mask, narrow: Option<&NarrowSide>, crossing: &Crossing) -> f64 {
-        let (Some(narrow), Incident::Line { x_m, z_m }) = (narrow, crossing.incident) else { return 1.0 };
+    /// What repeated diffraction between the jambs of the narrow sides changes: the share of it, and at the nodes the weight, the
+    /// exact transfer and that of the two edges alone, both relative to the free field.
+    fn narrow_sides(
+        &self,
+        source: DVec3,
+        receiver: DVec3,
+    ) -> impl Iterator<Item = (f64, Vec<(f64, Complex64, Complex64)>)> {
+        let (source, receiver) = facing(source, receiver);
+        let crossings = if self.nodes.is_empty() { None } else { unfolded(&self.x, &self.y, source, receiver) };
+        let [x, y] = crossings.map_or([None, None], |crossings| crossings.map(Some));
+        let sides = [(&self.x, &self.across_x, x), (&self.y, &self.across_y, y)];
+        sides.into_iter().filter_map(|(mask, narrow, crossing)| {
+            let (narrow, crossing) = (narrow.as_ref()?, crossing?);
+            Some((narrow.share, self.repeated(mask, narrow, &crossing)?))
+        })
+    }
+
+    fn repeated(
+        &self,
+        mask: &Mask,
+        narrow: &NarrowSide,
+        crossing: &Crossing,
+    ) -> Option<Vec<(f64, Complex64, Complex64)>> {
+        let Incident::Line { x_m, z_m } = crossing.incident else { return None };
         let ends = [DVec3::new(x_m, 0.0, -z_m), DVec3::new(crossing.x_m, 0.0, crossing.z_m)];
         let straight_m = (ends[1] - ends[0]).length();
         let direct = passes(crossing.straight_x_m(), mask);
         let edges: Vec<Edge> = edges(mask).map(|(x, side)| Edge::new(x, side, None, ends, &self.spectrum)).collect();
-        let Some(first) = edges.first() else { return 1.0 };
-        let (mut exact, mut single) = (0.0, 0.0);
-        for ((k, weight), side) in self.nodes.iter().zip(&narrow.solved) {
-            let free = first.field.undisturbed(straight_m, *k) * Complex64::from_polar(1.0, k * first.over_m);
+        let at = |((k, weight), side): (&(f64, f64), &ExactSide)| {
+            let free = free_wave(Wave::Line, straight_m, *k);
             let sent: Complex64 = edges.iter().map(|edge| edge.sent(*k)).sum();
-            single += weight * (direct * free + sent).norm_sqr() / free.norm_sqr();
-            exact += weight * side.transfer(crossing);
-        }
-        if single > 0.0 { narrow.share * exact / single + 1.0 - narrow.share } else { 1.0 }
+            // The exact one starts from i/4 H0.
+            let turn = Complex64::from_polar(1.0, -free.arg() - FRAC_PI_2);
+            (*weight, side.transfer(crossing) * turn, direct + sent / free)
+        };
+        Some(self.nodes.iter().zip(&narrow.solved).map(at).collect())
+    }
+}
+
+/// The direct sound and what the edges send.
+struct Field {
+    /// Amplitude of the direct sound.
+    direct: f64,
+    straight_m: f64,
+    once: Vec<Edge>,
+    twice: Vec<Twice>,
+}
+
+impl Field {
+    fn pressure(&self, k: f64) -> Complex64 {
+        let once: Complex64 = self.once.iter().map(|edge| edge.sent(k)).sum();
+        let twice: Complex64 = self.twice.iter().map(|twice| twice.sent(k)).sum();
+        Complex64::from_polar(self.direct, k * self.straight_m) + once + twice
+    }
+
+    /// By how much in m its ways differ at most.
+    fn wander_m(&self) -> f64 {
+        let ways = self.once.iter().flat_map(|e| e.field.ways_m()).chain(self.twice.iter().map(|t| t.run.length_m));
+        let direct = (self.direct > 0.0).then_some(self.straight_m);
+        let (first, last) =
+            ways.chain(direct).fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), way| (a.min(way), b.max(way)));
+        (last - first).max(0.0)
+    }
+
+    /// Mean of |p|^2 over the band: it varies like cos(k d), d the differences of the ways.
+    fn mean(&self, spectrum: &Spectrum, most: usize) -> f64 {
+        let (low, high) = (spectrum.low_k(), spectrum.high_k());
+        let phase = (high - low) * self.wander_m();
+        let count = if high > low { 5 + ((0.35 * phase).ceil() as usize).min(most) } else { 1 };
+        gauss_nodes(low, high, count).map(|(k, weight)| weight * self.pressure(k).norm_sqr()).sum()
     }
 }
 

@@ -134,7 +134,7 @@ pub fn depth_counts(mask: &Mask, thickness_m: f64) -> bool {
 }
 
 /// Length in m, across the edges, of the shortest way through the mask.
-fn over_m(mask: &Mask, crossing: &Crossing) -> f64 {
+pub fn over_m(mask: &Mask, crossing: &Crossing) -> f64 {
     let straight = crossing.straight_x_m();
     let over = mask.openings().iter().map(|o| crossing.length_m(straight.clamp(o[0], o[1])));
     over.fold(f64::INFINITY, f64::min)
@@ -223,7 +223,7 @@ impl BandApertures {
 ///
 /// A point source spreads across the edges like a line source; along them the way over the opening counts, not the
 /// straight one.
-pub(super) fn spread(mask: &Mask, crossing: &Crossing) -> f64 {
+pub fn spread(mask: &Mask, crossing: &Crossing) -> f64 {
     match crossing.incident {
         Incident::Point { x_m, z_m, dy_m } => {
             let straight = (crossing.x_m - x_m).hypot(crossing.z_m + z_m);

@@ -102,7 +102,7 @@ fn in_space_m(crossing: &Crossing, across_m: f64) -> f64 {
 }
 
 /// The wave over the near jamb, along the opening and over the far jamb.
-struct Run {
+pub(super) struct Run {
     width_m: f64,
     /// sin^2(phi/2) and the distance parameter a r/(a + r) in m at both jambs.
     near: (f64, f64),
@@ -111,14 +111,14 @@ struct Run {
     /// Modulus of the source's field at the near jamb relative to 1 m.
     strength: f64,
     /// Length of the way in m (plane wave: from the wave front through the origin), in space for a point source.
-    length_m: f64,
+    pub(super) length_m: f64,
     /// Sine of the angle between the way and the edges.
     sin_beta: f64,
     kind: Wave,
 }
 
 impl Run {
-    fn new(near: f64, far: f64, crossing: &Crossing) -> Self {
+    pub(super) fn new(near: f64, far: f64, crossing: &Crossing) -> Self {
         let width_m = (far - near).abs();
         let along = (far - near).signum();
         let receiver_m = (crossing.x_m - far).hypot(crossing.z_m);
@@ -154,7 +154,7 @@ impl Run {
     }
 
     /// Pressure at wave number `k` relative to the free field's modulus over 1 m.
-    fn pressure(&self, k: f64) -> Complex64 {
+    pub(super) fn pressure(&self, k: f64) -> Complex64 {
         let across = k * self.sin_beta;
         let slope = |(half_square, reach_m): (f64, f64)| {
             let half_square = half_square.max(f64::MIN_POSITIVE);
