@@ -110,13 +110,26 @@ impl Facet {
         (gradient_u.is_finite() && gradient_v.is_finite()).then_some(facet)
     }
 
-    /// Distance along the ray from `origin` (relative to the scene's centre) to the facet, if it meets it; may be
-    /// negative.
+    /// Distance along the ray from `origin` (relative to the scene's centre) to the facet's plane; may be negative, infinite
+    /// or NaN (a ray in parallel), with which [`Facet::contains`] fails.
     #[inline(always)]
-    pub(crate) fn meet(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
-        let t = (self.distance - self.normal.dot(origin)) / self.normal.dot(direction);
-        // a ray parallel to the plane has t = inf or NaN and fails here
-        self.contains(origin + direction * t).then_some(t)
+    pub(crate) fn meet_plane(&self, origin: DVec3, direction: DVec3) -> f64 {
+        (self.distance - self.normal.dot(origin)) / self.normal.dot(direction)
+    }
+
+    /// Unit normal, and the plane's distance from the scene's centre along it in m.
+    pub(crate) fn plane_equation(&self) -> (DVec3, f64) {
+        (self.normal, self.distance)
+    }
+
+    /// Whether two facets lie in one plane but for rounding.
+    pub(crate) fn shares_plane(&self, other: &Self, rounding_m: f64) -> bool {
+        self.plane == other.plane && self.normal == other.normal && (self.distance - other.distance).abs() <= rounding_m
+    }
+
+    /// Moves a facet that shares its plane with `other` into that plane to the last bit.
+    pub(crate) fn settle(&mut self, other: &Self) {
+        self.distance = other.distance;
     }
 
     /// Whether the projection of a point (relative to the scene's centre) on the plane lies in the facet, borders

@@ -11,6 +11,7 @@ mod cut;
 mod edges;
 mod enclosure;
 mod facet;
+mod few;
 mod openings;
 mod patches;
 mod planes;
@@ -112,6 +113,7 @@ impl Skip {
     pub const NONE: Self = Self { plane: None, group: None };
 
     /// For a ray reflected at `hit`.
+    #[inline]
     pub fn reflected(hit: &Hit) -> Self {
         Self { plane: Some(hit.plane), group: hit.inside }
     }

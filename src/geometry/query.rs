@@ -59,8 +59,31 @@ impl Geometry {
     /// normal, any other if it does not lie behind the origin. A skipped group still shows the rims of its wall from
     /// within, so that a ray which passes a thick wall or its portal leaves it through a face and not sideways (see
     /// [`Hit::inside`]).
+    #[inline]
     pub fn closest(&self, origin: DVec3, direction: DVec3, t_max: f64, skip: Skip) -> Option<Hit> {
         let skip = Skipped::from(skip);
+        let plain = self.plain_hit(origin, direction, t_max, skip);
+        if plain.is_some() { plain } else { self.contested_hit(origin, direction, t_max, skip) }
+    }
+
+    /// The nearest hit where no other facet comes near it, in scenes of few planes: most hits there.
+    #[inline(always)]
+    fn plain_hit(&self, origin: DVec3, direction: DVec3, t_max: f64, skip: Skipped) -> Option<Hit> {
+        let few = self.tree.few.as_ref().filter(|_| self.screens.is_empty())?;
+        let o = origin - self.centre_m;
+        let (facets, shapes) = (&self.tree.facets, &self.tree.shapes);
+        let range = (-self.tolerance_m, t_max);
+        let clear_of = |t: f64| t + 2.0 * TIE * (1.0 + t);
+        let (i, t) = few.sole(o, direction, range, skip.plane, clear_of, |i, point| facets[i].contains(point))?;
+        let (facet, element) = (&facets[i], shapes[i].element);
+        (t > self.tolerance_m && t < t_max && facet.group() != skip.group).then(|| {
+            let rank = (Side::Front, element);
+            self.hit(origin, direction, Candidate { t, rank, plane: facet.plane, group: facet.group() })
+        })
+    }
+
+    /// The nearest hit, whatever else is met near it.
+    fn contested_hit(&self, origin: DVec3, direction: DVec3, t_max: f64, skip: Skipped) -> Option<Hit> {
         let o = origin - self.centre_m;
         let mut best: Option<Candidate> = None;
         let mut limit = t_max;
@@ -91,12 +114,14 @@ impl Geometry {
                 consider(&mut limit, t, rank, screen.plane as u32, group as u32);
             }
         }
-        self.tree.visit(o, direction, limit, |i, facet| {
+        self.tree.visit(o, direction, limit, skip.plane, |i, facet, t| {
             let within = facet.group() == skip.group && facet.is_rim_from_within(direction);
             if facet.plane == skip.plane || (facet.group() == skip.group && !within) {
                 return None;
             }
-            let t = facet.meet(o, direction).filter(|&t| t < limit)?;
+            if !(t < limit && facet.contains(o + direction * t)) {
+                return None;
+            }
             let element = self.tree.shapes[i].element;
             let side = if within { Side::Within } else { self.side(element, facet.faces(direction)) };
             consider(&mut limit, t, (side, element), facet.plane, facet.group()).then_some(limit)
@@ -123,12 +148,11 @@ impl Geometry {
             }
         }
         let mut blocked = false;
-        self.tree.visit(o, direction, range.end, |_, facet| {
+        self.tree.visit(o, direction, range.end, a.plane, |_, facet, t| {
             if skipped(facet.plane, facet.group()) {
                 return None;
             }
-            let t = facet.meet(o, direction)?;
-            blocked |= range.contains(&t);
+            blocked |= range.contains(&t) && facet.contains(o + direction * t);
             blocked.then_some(f64::NEG_INFINITY)
         });
         blocked
@@ -154,8 +178,8 @@ impl Geometry {
                 consider(t, element, screen.plane as u32, group as u32, screen.faces(direction));
             }
         }
-        self.tree.visit(o, direction, range.end, |i, facet| {
-            if let Some(t) = facet.meet(o, direction) {
+        self.tree.visit(o, direction, range.end, a.plane, |i, facet, t| {
+            if facet.contains(o + direction * t) {
                 consider(t, self.tree.shapes[i].element, facet.plane, facet.group(), facet.faces(direction));
             }
             None
@@ -223,6 +247,7 @@ impl Geometry {
         if self.is_one_sided(element) && !faces { Side::Back } else { Side::Front }
     }
 
+    #[inline(always)]
     fn hit(&self, origin: DVec3, direction: DVec3, c: Candidate) -> Hit {
         let t = c.t.max(0.0);
         let (element, group) = (decode(c.rank.1), c.group as usize);
@@ -231,6 +256,7 @@ impl Geometry {
     }
 }
 
+#[inline(always)]
 fn decode(element: u32) -> Element {
     let index = (element & !PORTAL_BIT) as usize;
     if element & PORTAL_BIT == 0 { Element::Surface(index) } else { Element::Portal(index) }

@@ -11,10 +11,11 @@
 use glam::DVec3;
 
 use super::Scattering;
-use super::lanes::{Lanes, air_factors, lanes, mean, multiply, peak};
+use super::lanes::{Lanes, add, lanes, mean, multiply, peak};
 use super::ledger::Account;
 use super::portal::Captured;
 use super::random::Stream;
+use super::receiver::Chord;
 use super::stage::Stage;
 use super::tally::Tally;
 use crate::geometry::{Element, Hit, Skip};
@@ -57,6 +58,8 @@ pub(super) struct Ray<const N: usize> {
     direction: DVec3,
     /// Way from the source in m.
     length_m: f64,
+    /// Length of it at the last portal in m, 0 before: from there the field spreads.
+    spread_m: f64,
     /// Signed power, one a band; an omnidirectional source gives 1.
     weights: Lanes<N>,
     /// Probability of this history's specular/diffuse decisions in each band over the one they were drawn with; mean 1.
@@ -102,6 +105,16 @@ impl<const N: usize> Ray<N> {
     }
 }
 
+/// `before` - `after`.
+#[inline]
+fn difference<const N: usize>(before: &Lanes<N>, after: &Lanes<N>) -> Lanes<N> {
+    let mut out = *before;
+    for (out, after) in out.iter_mut().zip(after) {
+        *out -= after;
+    }
+    out
+}
+
 /// A passage of a portal.
 struct Through {
     portal: usize,
@@ -128,6 +141,7 @@ pub(super) fn trace_ray<S: Scattering, const N: usize>(
         position: source.position_m,
         direction,
         length_m: 0.0,
+        spread_m: 0.0,
         weights,
         ratio: lanes(std::iter::repeat_n(1.0, stage.bands)),
         reference: stage.bands as f32 / N as f32,
@@ -141,12 +155,14 @@ pub(super) fn trace_ray<S: Scattering, const N: usize>(
         passed: [usize::MAX; REMEMBERED_GROUPS],
         passed_count: 0,
     };
-    let mut walk = Walk { stage, stream, pending, tally, split: 0 };
+    let mut walk = Walk { stage, stream, pending, tally, split: 0, absorbed: [0.0; N], air: [0.0; N] };
     walk.pending.clear();
     walk.pending.push(emitted);
     while let Some(ray) = walk.pending.pop() {
         walk.follow(ray);
     }
+    walk.tally.accounts.book(Account::Absorbed, &walk.absorbed);
+    walk.tally.accounts.book(Account::Air, &walk.air);
     walk.tally.end_ray();
 }
 
@@ -158,6 +174,9 @@ struct Walk<'w, 's, S, const N: usize> {
     tally: &'w mut Tally<N>,
     /// Rays split off so far.
     split: u32,
+    /// What surfaces and air have taken from this history, booked at its end.
+    absorbed: Lanes<N>,
+    air: Lanes<N>,
 }
 
 impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
@@ -172,10 +191,11 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             if !self.roulette(&mut ray) {
                 return;
             }
-            let hit = self.stage.geometry.closest(ray.position, ray.direction, f64::INFINITY, ray.skip);
-            let flight_m = hit.as_ref().map_or(left_m, |hit| hit.t.min(left_m));
+            let found = self.stage.geometry.closest(ray.position, ray.direction, f64::INFINITY, ray.skip);
+            let flight_m = found.as_ref().map_or(left_m, |hit| hit.t.min(left_m));
             self.collect(&ray, flight_m);
-            let Some(hit) = hit else {
+            // Borrowed: moving it out costs more than finding it in a small room.
+            let Some(hit) = &found else {
                 self.tally.accounts.book(Account::Escaped, &ray.weights);
                 return;
             };
@@ -188,9 +208,9 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             ray.hits += 1;
             self.tally.hits += 1;
             match hit.element {
-                Element::Surface(surface) => self.reflect(&mut ray, surface, &hit),
+                Element::Surface(surface) => self.reflect(&mut ray, surface, hit),
                 Element::Portal(portal) => {
-                    self.meet_portal(ray, portal, &hit);
+                    self.meet_portal(ray, portal, hit);
                     return;
                 }
             }
@@ -259,8 +279,8 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
         if largest == 0.0 {
             return false;
         }
-        let power = largest * ray.kept / ray.reference;
-        if ray.kept <= 2.0 * POPULATION * power.sqrt() {
+        // kept <= 2 POPULATION sqrt(power) with the power largest * kept / reference.
+        if ray.kept * ray.reference <= 4.0 * POPULATION * POPULATION * largest {
             return true;
         }
         let before = ray.weights;
@@ -276,8 +296,8 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
     fn fade(&mut self, ray: &mut Ray<N>, flight_m: f64) {
         if let Some(air) = &self.stage.air {
             let before = ray.weights;
-            multiply(&mut ray.weights, &air_factors(air, flight_m as f32));
-            self.tally.accounts.book_gain(Account::Air, &ray.weights, &before);
+            multiply(&mut ray.weights, &air.factors(flight_m as f32));
+            add(&mut self.air, &difference(&before, &ray.weights));
         }
     }
 
@@ -287,12 +307,15 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             return;
         }
         for (probe, receiver) in self.stage.receivers.iter().enumerate() {
-            let Some((start, end, closest)) = receiver.chord(ray.position, ray.direction, flight_m) else { continue };
+            // The lobe of a portal is collected by the narrow ball, for which it was judged.
+            let come_m = if matches!(ray.last, Last::Portal(_)) { 0.0 } else { ray.length_m - ray.spread_m };
+            let Some(chord) = receiver.chord(ray.position, ray.direction, flight_m, come_m) else { continue };
+            let Chord { start, end, closest, ball } = chord;
             let middle = ray.at(0.5 * (start + end));
-            if self.stage.geometry.blocked(receiver.position, middle, Skip::NONE, Skip::NONE) {
+            if ball.may_be_cut && self.stage.geometry.blocked(receiver.position, middle, Skip::NONE, Skip::NONE) {
                 continue;
             }
-            let factor = ((end - start) * receiver.scale) as f32;
+            let factor = ((end - start) * ball.scale) as f32;
             let mut received = ray.weights.map(|w| w * factor);
             if let Last::Portal(portal) = ray.last {
                 multiply(&mut received, &receiver.sphere_bands[portal]);
@@ -304,7 +327,7 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
     /// Books what arrives at a probe after a last straight way of `r_m`, the air on it included.
     fn receive(&mut self, probe: usize, length_m: f64, r_m: f64, mut intensity: Lanes<N>) {
         if let Some(air) = &self.stage.air {
-            multiply(&mut intensity, &air_factors(air, r_m as f32));
+            multiply(&mut intensity, &air.factors(r_m as f32));
         }
         self.tally.receive(probe, (length_m + r_m) / self.stage.speed_m_s, &intensity);
     }
@@ -318,6 +341,7 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
         // The normal on the side the ray comes from.
         let normal = face.normal * -towards;
 
+        let incoming = ray.weights;
         let mut left = [1.0; N];
         for &portal in &face.captures {
             multiply(&mut left, &self.capture(ray, portal, hit));
@@ -330,21 +354,25 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             self.transmit(ray, transmission, face.normal * towards, face.through_m[side], hit);
         }
 
-        let incoming = ray.weights;
         multiply(&mut ray.weights, &material.reflected);
-        self.tally.accounts.book_gain(Account::Absorbed, &ray.weights, &incoming);
-        let before = ray.weights;
-        multiply(&mut ray.weights, &left);
-        self.tally.accounts.book_gain(Account::Portals, &before, &ray.weights);
+        add(&mut self.absorbed, &difference(&incoming, &ray.weights));
+        if !face.captures.is_empty() {
+            let before = ray.weights;
+            multiply(&mut ray.weights, &left);
+            self.tally.accounts.book_gain(Account::Portals, &before, &ray.weights);
+        }
 
         if material.rain_probability > 0.0 && self.stream.uniform() < material.rain_probability {
             let skip = Skip::reflected(hit);
             for probe in 0..stage.receivers.len() {
                 let to = stage.receivers[probe].position - hit.point;
+                let height = to.dot(normal);
+                if height <= 0.0 {
+                    continue;
+                }
                 let r2 = to.length_squared();
                 let r = r2.sqrt();
-                let height = to.dot(normal);
-                if height <= 0.0 || !self.tally.in_time((ray.length_m + r) / stage.speed_m_s) {
+                if !self.tally.in_time((ray.length_m + r) / stage.speed_m_s) {
                     continue;
                 }
                 if stage.geometry.blocked(hit.point, stage.receivers[probe].position, skip, Skip::NONE) {
@@ -365,7 +393,9 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
         ray.direction = if diffuse {
             self.stream.lambert(normal)
         } else {
-            (ray.direction - face.normal * (2.0 * along)).normalize()
+            let mirrored = ray.direction - face.normal * (2.0 * along);
+            // A unit vector but for rounding: one step of Newton's method towards the length 1.
+            mirrored * (1.5 - 0.5 * mirrored.length_squared())
         };
         ray.last = if diffuse { Last::Diffuse } else { Last::Specular };
         ray.diffuse |= diffuse;
@@ -469,6 +499,7 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
         let s_i = to_local(ray.direction);
         ray.position = frame.point(x_m, y_m) + frame.normal * (0.5 * sign * passage.thickness);
         ray.length_m += passage.thickness;
+        ray.spread_m = ray.length_m;
         // A field that has only been reflected by mirrors so far still differs from place to place over the opening.
         let form = if ray.diffuse || ray.portals > 0 { Form::Marginal } else { Form::Signed };
         ray.portals += 1;

@@ -1,12 +1,14 @@
 //! Everything that stays the same while rays are traced: materials in lanes, receivers, portals, air.
 
+use std::collections::HashMap;
+
 use glam::DVec3;
 
-use super::lanes::{Lanes, lanes};
+use super::lanes::{Air, Lanes, lanes};
 use super::portal::{Passage, box_corners};
 use super::receiver::Receiver;
 use super::{Scattering, TracePlan};
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, Surface};
 use crate::scene::{Material, Scene};
 
 /// A material, one value a lane.
@@ -54,7 +56,7 @@ pub(super) struct Face {
     pub(super) material: usize,
     /// Distance in m to the opposite face of the same wall along +normal and along -normal; 0 without one.
     pub(super) through_m: [f64; 2],
-    /// Whether anything lies beyond its plane along +normal and along -normal.
+    /// Whether it lets sound through and anything lies beyond its plane along +normal and along -normal.
     pub(super) beyond: [bool; 2],
     /// Portals whose capture region lies on this face.
     pub(super) captures: Vec<usize>,
@@ -71,8 +73,8 @@ pub(super) struct Stage<'a, S, const N: usize> {
     /// Per portal: portals with capture regions on the same wall, itself included.
     pub(super) companions: Vec<Vec<usize>>,
     pub(super) receivers: Vec<Receiver<N>>,
-    /// Attenuation of the air in Np/m; `None`: none in any band.
-    pub(super) air: Option<Lanes<N>>,
+    /// Absorption of the air; `None`: none in any band.
+    pub(super) air: Option<Air<N>>,
     pub(super) speed_m_s: f64,
     /// Way in m that sound goes within the echogram.
     pub(super) length_m: f64,
@@ -114,7 +116,7 @@ impl<'a, S: Scattering, const N: usize> Stage<'a, S, N> {
             companions: passages.iter().map(|p| captured(p.group)).collect(),
             passages,
             receivers,
-            air: attenuation.iter().any(|&m| m > 0.0).then(|| lanes(attenuation.iter().copied())),
+            air: attenuation.iter().any(|&m| m > 0.0).then(|| Air::new(lanes(attenuation.iter().copied()))),
             speed_m_s,
             length_m: plan.length_s * speed_m_s,
             reflection_order: u32::try_from(plan.reflection_order).unwrap_or(u32::MAX),
@@ -153,15 +155,19 @@ fn faces(scene: &Scene, geometry: &Geometry, captures: impl Fn(usize, DVec3) -> 
         .chain(scene.probes.iter().map(|p| p.position_m))
         .collect();
     let unbounded = scene.walls.iter().any(|w| w.unbounded);
+    let mut groups: HashMap<usize, Vec<&Surface>> = HashMap::new();
+    for surface in &geometry.surfaces {
+        groups.entry(surface.group).or_default().push(surface);
+    }
     geometry
         .surfaces
         .iter()
         .map(|surface| {
             let (origin, normal) = (surface.frame.origin_m, surface.frame.normal);
             let mut through_m = [0.0f64; 2];
-            for other in &geometry.surfaces {
+            for other in &groups[&surface.group] {
                 let parallel = other.frame.normal.dot(normal).abs() > 1.0 - 1e-9;
-                if other.group != surface.group || other.plane == surface.plane || !parallel {
+                if other.plane == surface.plane || !parallel {
                     continue;
                 }
                 let height = (other.frame.origin_m - origin).dot(normal);
@@ -170,7 +176,10 @@ fn faces(scene: &Scene, geometry: &Geometry, captures: impl Fn(usize, DVec3) -> 
                     *slot = height.abs();
                 }
             }
-            let beyond = |sign: f64| unbounded || points.iter().any(|p| sign * (p - origin).dot(normal) > 1e-6);
+            // Only asked of what lets sound through; the search goes over all corners.
+            let lets_through = scene.materials[surface.material].transmission.is_some();
+            let far = |sign: f64| points.iter().any(|p| sign * (p - origin).dot(normal) > 1e-6);
+            let beyond = |sign: f64| lets_through && (unbounded || far(sign));
             Face {
                 normal,
                 material: surface.material,
