@@ -44,7 +44,7 @@ fn reception(bands: &[Band], direct: Option<(f64, f64)>, energy: Vec<Vec<f64>>) 
         })
         .collect();
     let std_error = vec![0.0; energy.len()];
-    let echogram = (!energy.is_empty()).then_some(Echogram { bin_s: BIN_S, energy, std_error });
+    let echogram = (!energy.is_empty()).then_some(Echogram { bin_s: BIN_S, bin_error: Vec::new(), energy, std_error });
     Reception { source: "s".into(), probe: "p".into(), paths, echogram, levels }
 }
 

@@ -25,6 +25,9 @@ pub struct Echogram {
     pub bin_s: f64,
     /// `energy[band][bin]`; signed rays may make a bin negative.
     pub energy: Vec<Vec<f64>>,
+    /// Standard error of each entry of `energy`, from the scatter of batches of rays; infinite for a single batch, empty where
+    /// not known. Bins share their rays, so that these do not add up to `std_error`.
+    pub bin_error: Vec<Vec<f64>>,
     /// Standard error of the sum over all bins, one a band.
     pub std_error: Vec<f64>,
 }

@@ -55,7 +55,7 @@ pub(super) fn run<S: Scattering, const N: usize>(
     let new_tally = || Tally::<N>::new(probes, bins, plan.bin_s);
     let mut parts: Vec<Part<N>> = (0..scene.sources.len())
         .filter(|&i| scene.sources[i].kind == SourceKind::Point)
-        .map(|source| Part { source, chunks: 0, tally: new_tally() })
+        .map(|source| Part { source, chunks: 0, tally: Tally::of_batches(probes, bins, plan.bin_s) })
         .collect();
     let in_memory = CHUNK_MEMORY / Tally::<N>::bytes(probes, bins).max(1);
     let slots = (4 * rayon::current_num_threads()).min(in_memory).max(1);
