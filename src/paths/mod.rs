@@ -7,6 +7,7 @@ mod gap;
 mod images;
 mod reach;
 mod rectangle;
+mod unfolded;
 mod wave;
 
 use glam::DVec3;
@@ -17,6 +18,7 @@ use crate::probe::EarlyPath;
 use crate::scene::{Scene, Source, SourceKind, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::wedge;
+use images::Loss;
 use wave::Wave;
 
 pub use gap::Gap;
@@ -55,14 +57,25 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
     let spectra: Vec<Spectrum> = scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
     let gaps = if scene.simulation.diffraction_order > 0 { Gap::find(scene, geometry) } else { Vec::new() };
     let reaches = edge_reach(scene, geometry);
+    // Images by position make trees of chains superfluous.
+    let positions: Vec<Option<Vec<DVec3>>> = scene
+        .sources
+        .par_iter()
+        .map(|s| {
+            unfolded::applies(scene, geometry, &reaches)
+                .then(|| unfolded::positions(s.position_m, geometry, reflection_order, usize::MAX).0)
+        })
+        .collect();
+    let tree_order = if positions.iter().any(Option::is_some) { 0 } else { reflection_order };
     let probes: Vec<ImageTree> =
-        scene.probes.par_iter().map(|p| ImageTree::of_probe(p.position_m, geometry, reflection_order)).collect();
+        scene.probes.par_iter().map(|p| ImageTree::of_probe(p.position_m, geometry, tree_order)).collect();
     let sources: Vec<ImageTree> =
-        scene.sources.par_iter().map(|s| ImageTree::of_source(s, geometry, reflection_order)).collect();
+        scene.sources.par_iter().map(|s| ImageTree::of_source(s, geometry, tree_order)).collect();
     let pairs: Vec<(usize, usize)> = (0..sources.len()).flat_map(|s| (0..probes.len()).map(move |p| (s, p))).collect();
     pairs
         .par_iter()
         .map(|&(s, p)| {
+            let receiver = scene.probes[p].position_m;
             let pair = Pair {
                 scene,
                 geometry,
@@ -72,7 +85,17 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
                 probe: &probes[p],
                 order: reflection_order,
             };
-            let (mut paths, mut waves) = specular(&pair, scene.probes[p].position_m);
+            let (mut paths, mut waves) = match &positions[s] {
+                Some(images) => {
+                    let ways = |image: &DVec3| {
+                        let arrived =
+                            unfolded::arrive(scene, geometry, &scene.sources[s], *image, receiver, reflection_order);
+                        arrived.map(|(planes, loss)| (Origin::At(*image), planes, loss))
+                    };
+                    specular(&pair, receiver, images.par_iter().filter_map(ways).collect())
+                }
+                None => specular(&pair, receiver, in_sight(&pair, receiver)),
+            };
             if scene.simulation.diffraction_order > 0 {
                 edge::add(&pair, &reaches, &mut paths, &mut waves);
                 chain::add(&pair, &mut paths, &mut waves);
@@ -92,6 +115,19 @@ pub fn find(scene: &Scene, geometry: &Geometry, reflection_order: usize) -> Vec<
             Early { paths: tidy(paths), intensity }
         })
         .collect()
+}
+
+/// Where images are told apart by their positions alone (`unfolded`): the highest order up to `order` at which no source has
+/// more than `most`, and how many there are. `None`: chains have to be followed.
+pub fn merged_images(scene: &Scene, geometry: &Geometry, order: usize, most: f64) -> Option<(usize, f64)> {
+    if !unfolded::applies(scene, geometry, &edge_reach(scene, geometry)) {
+        return None;
+    }
+    let of_source = |s: &Source| unfolded::positions(s.position_m, geometry, order, most as usize);
+    let all: Vec<(Vec<DVec3>, usize)> = scene.sources.iter().map(of_source).collect();
+    let order = all.iter().map(|(_, reached)| *reached).min()?;
+    let count = scene.sources.iter().map(|s| unfolded::positions(s.position_m, geometry, order, usize::MAX).0.len());
+    Some((order, count.max()? as f64))
 }
 
 /// From |p|^2 over that of the free field at 1 m to the intensity relative to it: 1 but for line sources, whose free field is
@@ -115,33 +151,47 @@ fn tidy(paths: Vec<EarlyPath>) -> Vec<EarlyPath> {
     kept
 }
 
-/// The direct sound and the specular reflections in sight, as paths and as pressures.
-fn specular<'a>(pair: &Pair<'a>, receiver: DVec3) -> (Vec<Specular>, Vec<Wave<'a>>) {
-    let &Pair { scene, geometry, kind, source, .. } = pair;
-    let (mut paths, mut waves): (Vec<Specular>, Vec<Wave<'a>>) = (Vec::new(), Vec::new());
-    let mut found: Vec<Origin> = Vec::new();
+/// The images of the source's tree in sight of `receiver`: origin, planes of reflection, loss.
+fn in_sight(pair: &Pair<'_>, receiver: DVec3) -> Vec<(Origin, Vec<usize>, Loss)> {
+    let &Pair { scene, geometry, source, .. } = pair;
+    let mut found: Vec<(Origin, Vec<usize>, Loss)> = Vec::new();
     for (index, image) in source.images.iter().enumerate() {
         // A way exactly through a corner exists in both orders of reflection, with one and the same image.
-        if found.iter().any(|other| other.coincides(&image.origin)) {
+        if found.iter().any(|(other, ..)| other.coincides(&image.origin)) {
             continue;
         }
-        let Some(loss) = source.arrive(scene, geometry, index, receiver, Skip::NONE) else { continue };
-        found.push(image.origin);
-        let (length_m, spread) = spreading(&image.origin, kind, receiver);
+        if let Some(loss) = source.arrive(scene, geometry, index, receiver, Skip::NONE) {
+            found.push((image.origin, image.planes.clone(), loss));
+        }
+    }
+    found
+}
+
+/// The direct sound and the specular reflections in sight, as paths and as pressures.
+fn specular<'a>(
+    pair: &Pair<'a>,
+    receiver: DVec3,
+    ways: Vec<(Origin, Vec<usize>, Loss)>,
+) -> (Vec<Specular>, Vec<Wave<'a>>) {
+    let &Pair { scene, geometry, kind, .. } = pair;
+    let (mut paths, mut waves): (Vec<Specular>, Vec<Wave<'a>>) = (Vec::new(), Vec::new());
+    for (origin, planes, loss) in ways {
+        let (length_m, spread) = spreading(&origin, kind, receiver);
         let air = scene.air.attenuation_per_m.iter().map(|m| (-m * length_m).exp());
         let shares: Vec<f64> = loss.factors.iter().zip(air).map(|(f, air)| f * air).collect();
         let intensity: Vec<f64> = shares.iter().map(|share| share * spread).collect();
         let names: Vec<String> = loss.surfaces.iter().map(|s| geometry.surfaces[*s].name.clone()).collect();
         paths.push(Specular {
-            planes: image.planes.clone(),
             bent: false,
             path: EarlyPath {
+                from: origin.direction_from(receiver),
                 label: if names.is_empty() { "direct".into() } else { names.join(", ") },
-                reflections: image.planes.len(),
+                reflections: planes.len(),
                 delay_s: length_m / scene.air.speed_of_sound_m_s,
                 error: vec![0.0; intensity.len()],
                 intensity,
             },
+            planes,
         });
         if scene.adds_pressures() {
             let wave = match kind {

@@ -201,7 +201,8 @@ impl Rectangles {
                 let error = intensity.iter().map(|i| 1e-4 * i).collect();
                 let label = gap.label(geometry, source, from.image, probe, to.image);
                 let delay_s = (r1 + r2) / scene.air.speed_of_sound_m_s;
-                paths.push(EarlyPath { label, reflections, delay_s, intensity, error });
+                let seen_from = probe.heard_from(geometry, to.image, gap.frame.point(over.x, over.y));
+                paths.push(EarlyPath { label, reflections, delay_s, from: seen_from, intensity, error });
             }
         }
         paths
