@@ -11,8 +11,8 @@ use diffray::error::{Error, Result, Warning};
 use diffray::geometry::Geometry;
 use diffray::plan::Plan;
 use diffray::report::{self, Folder, Pair, ReferenceCurve, Run, Series, Simulated, SweepValue, Swept};
-use diffray::response::{self, RenderOptions};
-use diffray::scene::{Loaded, Override, Room, Scene, Sweep};
+use diffray::response::{self, Metrics, RenderOptions};
+use diffray::scene::{Loaded, Override, Room, Scene, SourceKind, Sweep};
 use diffray::simulate::{self, Outcome};
 use diffray::sweep::{self, SweepPoint};
 use rayon::prelude::*;
@@ -140,13 +140,28 @@ fn pairs(scene: &Scene, receptions: Vec<diffray::probe::Reception>) -> (Vec<Pair
         seed: scene.simulation.seed,
     };
     let pair = |reception| {
-        let metrics = response::metrics(&reception, &scene.bands);
+        let mut metrics = response::metrics(&reception, &scene.bands);
+        let point = scene.sources.iter().any(|s| s.name == reception.source && s.kind == SourceKind::Point);
+        let strength = |metrics: &mut Vec<Metrics>| {
+            metrics.iter_mut().filter(|_| !point).for_each(|m| m.g_db = None);
+        };
+        strength(&mut metrics);
         match response::render(&reception, &scene.bands, &options) {
             Ok(response) => {
                 let warnings = response.warnings.clone();
-                (Pair { reception, response: Some(response), metrics }, warnings)
+                let mut response_metrics = response::response_metrics(&reception, &response, &scene.bands);
+                strength(&mut response_metrics);
+                let snr_db = scene.output.signal_to_noise_db.unwrap_or(f64::INFINITY);
+                let speech_transmission_index = response::speech_transmission_index(&response, snr_db);
+                let response = Some(response);
+                (Pair { reception, response, metrics, response_metrics, speech_transmission_index }, warnings)
             }
-            Err(warning) => (Pair { reception, response: None, metrics }, vec![warning]),
+            Err(warning) => {
+                let response_metrics = Vec::new();
+                let pair =
+                    Pair { reception, response: None, metrics, response_metrics, speech_transmission_index: None };
+                (pair, vec![warning])
+            }
         }
     };
     let (pairs, warnings): (Vec<Pair>, Vec<Vec<Warning>>) = receptions.into_par_iter().map(pair).unzip();

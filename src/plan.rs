@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::error::Warning;
 use crate::geometry::{Element, Geometry, Skip};
-use crate::paths::{EdgeReach, ImageTree, edge_reach};
+use crate::paths::{EdgeReach, ImageTree, edge_reach, merged_images};
 use crate::scene::{Edges, Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::mask::Mask;
@@ -129,8 +129,13 @@ impl Plan {
         let mut warnings = Vec::new();
         let planes = geometry.planes().len();
         let mut reflection_order = scene.simulation.reflection_order;
-        while reflection_order > 0 && ImageTree::count(planes, reflection_order) > MAX_IMAGES {
+        let mut images = ImageTree::count(planes, reflection_order);
+        if let Some((order, merged)) = merged_images(scene, geometry, reflection_order, MAX_IMAGES) {
+            (reflection_order, images) = (order, merged);
+        }
+        while reflection_order > 0 && images > MAX_IMAGES {
             reflection_order -= 1;
+            images = ImageTree::count(planes, reflection_order);
         }
         if reflection_order < scene.simulation.reflection_order {
             warnings.push(Warning {
@@ -147,7 +152,7 @@ impl Plan {
             transport: scene.simulation.transport,
             adds_pressures: scene.adds_pressures(),
             reflection_order,
-            images: ImageTree::count(planes, reflection_order),
+            images,
             portals: portal_plans(scene),
             edges: edge_reach(scene, geometry),
             traced,

@@ -37,7 +37,7 @@ fn run(name: &str) -> Run {
             interference: false,
             ray_tolerance: 2e-3,
         },
-        output: Output { sample_rate_hz: 48_000, response_length_s: None },
+        output: Output { sample_rate_hz: 48_000, response_length_s: None, signal_to_noise_db: None },
         spl_1m_db: vec![("talker".into(), vec![79.15; 8])],
         plan: serde_json::json!({ "portals": [{ "opening": "door", "model": "exact aperture below 545 Hz" }] }),
         plan_text: "portal door (0.30 m x 2.10 m)\n  63-500 Hz   exact aperture\n  1-8 kHz     signed rays\n".into(),
@@ -60,6 +60,7 @@ fn level(band_hz: f64, db: f64, std_error_db: f64, early_share: f64) -> BandLeve
 fn reception(source: &str, probe: &str, std_error_db: f64, db: impl Fn(usize) -> f64) -> Reception {
     let levels: Vec<BandLevel> = OCTAVES.iter().enumerate().map(|(b, &f)| level(f, db(b), std_error_db, 0.3)).collect();
     let path = |label: &str, reflections: usize, share: f64| EarlyPath {
+        from: glam::DVec3::X,
         label: label.into(),
         reflections,
         delay_s: 0.0132 + 0.004 * reflections as f64,
@@ -70,7 +71,12 @@ fn reception(source: &str, probe: &str, std_error_db: f64, db: impl Fn(usize) ->
         source: source.into(),
         probe: probe.into(),
         paths: vec![path("door", 0, 0.2), path("floor, door", 1, 0.1)],
-        echogram: Some(Echogram { bin_s: 0.001, bin_error: Vec::new(), energy: vec![vec![0.0]; 8], std_error: vec![0.0; 8] }),
+        echogram: Some(Echogram {
+            bin_s: 0.001,
+            bin_error: Vec::new(),
+            energy: vec![vec![0.0]; 8],
+            std_error: vec![0.0; 8],
+        }),
         levels,
     }
 }
@@ -139,6 +145,8 @@ fn simulated() -> Simulated {
         c80_db: Some(7.1),
         d50: Some(0.68),
         ts_s: Some(0.041),
+        g_db: Some(3.25),
+        curvature: None,
     };
     let shape = |b: usize| if b == 0 { f64::NEG_INFINITY } else { -10.123456789012 - 1.7 * b as f64 };
     Simulated {
@@ -148,11 +156,15 @@ fn simulated() -> Simulated {
                 reception: reception("talker", "mic-1", 0.21, shape),
                 response: Some(Response { sample_rate_hz: 48_000, samples, warnings: vec![] }),
                 metrics: OCTAVES.map(metrics).into(),
+                response_metrics: OCTAVES.map(metrics).into(),
+                speech_transmission_index: Some(0.625),
             },
             Pair {
                 reception: reception("loudspeaker", "mic, the \"second\"", 0.34, |b| shape(b) - 12.0),
                 response: None,
                 metrics: vec![],
+                response_metrics: vec![],
+                speech_transmission_index: None,
             },
         ],
     }
@@ -232,6 +244,9 @@ fn metrics_csv_leaves_undefined_quantities_empty() {
     assert_eq!(rows.len(), 8);
     assert_eq!(rows[0][column("edt_s")], "0.512345678901");
     assert_eq!(rows[0][column("t30_s")], "");
+    assert_eq!(rows[0][column("ir_edt_s")], "0.512345678901");
+    assert_eq!((rows[0][column("sti")].as_str(), rows[0][column("ir_g_db")].as_str()), ("0.625", "3.25"));
+    assert_eq!(rows[0][column("reliable")], "false");
     assert_eq!(rows[0][column("note")], "T30: the decay spans only 31 dB, \"35\" are needed");
 }
 

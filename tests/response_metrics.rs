@@ -30,6 +30,7 @@ fn reception(bands: &[Band], direct: Option<(f64, f64)>, energy: Vec<Vec<f64>>) 
         .map(|(delay_s, e)| EarlyPath {
             label: "direct".into(),
             reflections: 0,
+            from: glam::DVec3::X,
             delay_s: *delay_s,
             intensity: vec![*e; bands.len()],
             error: vec![0.0; bands.len()],

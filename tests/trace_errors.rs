@@ -86,19 +86,15 @@ const SEEDS: u64 = 200;
 fn coverage(prepared: &Prepared, plan: &TracePlan, rays: u64) -> Vec<Coverage> {
     let truth = prepared.run(&TracePlan { target_db: 0.0, max_rays: rays, seed: 1 << 40, ..plan.clone() });
     let truth = &truth.traced[0].echogram;
-    let runs: Vec<TraceOutcome> =
-        (0..SEEDS).map(|seed| prepared.run(&TracePlan { seed, ..plan.clone() })).collect();
+    let runs: Vec<TraceOutcome> = (0..SEEDS).map(|seed| prepared.run(&TracePlan { seed, ..plan.clone() })).collect();
     let mean_rays = runs.iter().map(|r| r.rays[0]).sum::<u64>() as f64 / SEEDS as f64;
     let seconds = runs.iter().map(|r| r.seconds).sum::<f64>();
     println!("{mean_rays:.0} rays a run, {seconds:.1} s");
     (0..truth.energy.len())
         .map(|b| {
             let (expected, own) = (level(truth, b), truth.std_error[b]);
-            let pairs: Vec<(f64, f64)> = runs
-                .iter()
-                .map(|r| &r.traced[0].echogram)
-                .map(|e| (level(e, b) - expected, e.std_error[b]))
-                .collect();
+            let pairs: Vec<(f64, f64)> =
+                runs.iter().map(|r| &r.traced[0].echogram).map(|e| (level(e, b) - expected, e.std_error[b])).collect();
             let n = SEEDS as f64;
             let share = |k: f64| pairs.iter().filter(|p| p.0.abs() < k * p.1.hypot(own)).count() as f64 / n;
             let mean = pairs.iter().map(|p| p.0).sum::<f64>() / n;

@@ -93,6 +93,8 @@ pub(super) struct Bend<'a> {
     /// Length in m (plane wave: along the wave) of the way over the edge and of the straight way.
     pub(super) length_m: f64,
     pub(super) straight_m: f64,
+    /// Where the way meets the edge, in m.
+    pub(super) apex: DVec3,
     /// Sine of the angle between a plane wave and the edge: across it the wave number is k sin(beta). 1 for other sources.
     pub(super) sin_beta: f64,
     /// Share of the intensity that air and reflections leave, one a band.
@@ -240,6 +242,7 @@ impl<'a> Ends<'_, 'a> {
             field,
             length_m,
             straight_m,
+            apex,
             sin_beta,
             factors,
             faces,

@@ -139,6 +139,8 @@ fn slit_passed(pair: &Pair<'_>, mask: &Mask, source: DVec3, receiver: DVec3) -> 
 struct Beside {
     /// All planes that reflect, in order.
     planes: Vec<usize>,
+    /// Unit vector from the probe towards where the sound comes from.
+    from: DVec3,
     /// Whether the point of reflection lies in an opening.
     inside: bool,
     /// Lengths in m of the ways from the mirror image and over the opening.
@@ -185,7 +187,8 @@ impl Beside {
         let planes = from.planes.iter().chain([&plane]).chain(to.planes.iter().rev()).copied().collect();
         let (inside, image_m, over_m) = (crossing.inside, crossing.straight_m, crossing.over_m);
         let free = if *pair.kind == SourceKind::Point { 1.0 / image_m } else { 1.0 / image_m.sqrt() };
-        Some(Self { planes, inside, image_m, over_m, free, factors, through })
+        let from = probe.heard_from(geometry, p, over);
+        Some(Self { planes, from, inside, image_m, over_m, free, factors, through })
     }
 
     fn add<'a>(self, pair: &Pair<'a>, gap: &Gap, paths: &mut Vec<Specular>, waves: &mut Vec<Wave<'a>>) {
@@ -225,6 +228,7 @@ impl Beside {
                     path: EarlyPath {
                         label: format!("{} at {}", names.join(", "), gap.name),
                         reflections: self.planes.len(),
+                        from: self.from,
                         delay_s: self.image_m / pair.scene.air.speed_of_sound_m_s,
                         error: intensity.iter().map(|i| 1e-4 * i).collect(),
                         intensity,

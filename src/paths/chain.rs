@@ -269,6 +269,7 @@ impl Over<'_> {
         let path = EarlyPath {
             label: self.label(&two.edges),
             reflections: passed.len(),
+            from: probe.heard_from(geometry, p, apexes[1]),
             delay_s: way_m / speed,
             intensity,
             error,

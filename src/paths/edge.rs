@@ -119,6 +119,7 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
                 let path = EarlyPath {
                     label: label(geometry, from, bend.edge, to),
                     reflections,
+                    from: probe.heard_from(geometry, p, bend.apex),
                     delay_s: bend.length_m / pair.scene.air.speed_of_sound_m_s,
                     intensity,
                     error,

@@ -437,6 +437,13 @@ impl Flanked<'_, '_> {
         (-self.pair.scene.air.attenuation_per_m[band] * self.length_m()).exp()
     }
 
+    /// Unit vector from the probe towards the last edge on the way, or the opening.
+    fn heard_from(&self) -> DVec3 {
+        let side = &self.sides[1];
+        let (at, image) = side.apexes.last().map_or((self.middle, side.image), |apex| (apex.at, apex.image));
+        side.tree.heard_from(self.pair.geometry, image, at)
+    }
+
     /// The sound as a pressure; `fields`: one a band with the factors of the chain, as [`Flanked::intensity`] gives them.
     pub(super) fn as_wave<'w>(&self, fields: Vec<(FlankedField, f64)>) -> Wave<'w> {
         let (over_m, dy_m, length_m) = (self.over_m, self.dy_m, self.length_m());
@@ -530,6 +537,7 @@ pub(super) fn replace<'a>(
             let path = EarlyPath {
                 label: label(s, p),
                 reflections: from.planes.len() + to.planes.len(),
+                from: flanked.heard_from(),
                 delay_s: length_m / scene.air.speed_of_sound_m_s,
                 intensity,
                 error,

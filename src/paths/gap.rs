@@ -184,6 +184,7 @@ impl Gap {
                 let path = EarlyPath {
                     label: self.label(geometry, source, s, probe, p),
                     reflections: from.planes.len() + to.planes.len(),
+                    from: probe.heard_from(geometry, p, self.midpoint(&crossing, mask, receiver.y)),
                     delay_s: length / scene.air.speed_of_sound_m_s,
                     intensity,
                     error,
@@ -284,6 +285,21 @@ impl Gap {
             }
         }
         loss.map(|loss| (f64::from(seen) / f64::from(tried), loss))
+    }
+
+    /// Where the shortest way crosses the gap, in m.
+    fn midpoint(&self, crossing: &Crossing, mask: &Mask, receiver_y_m: f64) -> DVec3 {
+        let straight = crossing.straight_x_m();
+        let nearest = mask.openings().iter().map(|o| straight.clamp(o[0], o[1]));
+        let x = nearest.min_by(|a, b| (a - straight).abs().total_cmp(&(b - straight).abs())).unwrap_or(straight);
+        let y = match crossing.incident {
+            Incident::Point { x_m, z_m, dy_m } => {
+                let (into, out) = ((x - x_m).hypot(z_m), (crossing.x_m - x).hypot(crossing.z_m));
+                receiver_y_m - dy_m * out / (into + out)
+            }
+            _ => receiver_y_m,
+        };
+        self.frame.point(x, y)
     }
 
     pub(super) fn label(

@@ -115,6 +115,16 @@ impl ImageTree {
         Self { images, directivity, thin_walls, far_m: 1e4 * geometry.extent_m.max(1.0) }
     }
 
+    /// Unit vector from the probe itself towards where sound comes from that reaches its image `image` from `point` (m).
+    pub fn heard_from(&self, geometry: &Geometry, image: usize, point: DVec3) -> DVec3 {
+        let Image { origin, planes, .. } = &self.images[image];
+        let seen = match *origin {
+            Origin::At(position) => (point - position).normalize_or_zero(),
+            Origin::Along(_) => DVec3::ZERO,
+        };
+        planes.iter().rev().map(|plane| geometry.planes()[*plane].normal).fold(seen, |d, n| d - n * (2.0 * d.dot(n)))
+    }
+
     /// Number of images up to `order` for `planes` distinct planes.
     pub fn count(planes: usize, order: usize) -> f64 {
         let next = planes.saturating_sub(1) as f64;

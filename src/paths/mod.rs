@@ -10,6 +10,7 @@ mod images;
 mod reach;
 mod rectangle;
 mod smooth;
+mod unfolded;
 mod wave;
 
 use glam::DVec3;
@@ -20,6 +21,7 @@ use crate::probe::EarlyPath;
 use crate::scene::{Scene, Source, SourceKind, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::wedge;
+use images::Loss;
 use smooth::Nodes;
 use wave::{Adding, Sound, Wave};
 
@@ -89,10 +91,15 @@ impl<'a> Prepared<'a> {
     pub fn find(&self) -> Vec<Early> {
         let &Self { scene, geometry, order, .. } = self;
         let reaches = edge_reach(scene, geometry);
+        // Images by position make trees of chains superfluous.
+        let merged = unfolded::applies(scene, geometry, &reaches);
+        let places = |s: &Source| merged.then(|| unfolded::positions(s.position_m, geometry, order, usize::MAX).0);
+        let positions: Vec<Option<Vec<DVec3>>> = scene.sources.par_iter().map(places).collect();
+        let tree_order = if merged { 0 } else { order };
         let probes: Vec<ImageTree> =
-            scene.probes.par_iter().map(|p| ImageTree::of_probe(p.position_m, geometry, order)).collect();
+            scene.probes.par_iter().map(|p| ImageTree::of_probe(p.position_m, geometry, tree_order)).collect();
         let sources: Vec<ImageTree> =
-            scene.sources.par_iter().map(|s| ImageTree::of_source(s, geometry, order)).collect();
+            scene.sources.par_iter().map(|s| ImageTree::of_source(s, geometry, tree_order)).collect();
         let pairs: Vec<(usize, usize)> =
             (0..sources.len()).flat_map(|s| (0..probes.len()).map(move |p| (s, p))).collect();
         pairs
@@ -108,15 +115,31 @@ impl<'a> Prepared<'a> {
                     probe: &probes[p],
                     order,
                 };
-                self.between(&pair, &scene.sources[s], scene.probes[p].position_m, &reaches)
+                self.between(&pair, (&scene.sources[s], scene.probes[p].position_m), positions[s].as_deref(), &reaches)
             })
             .collect()
     }
 
-    /// The paths of one pair.
-    fn between(&self, pair: &Pair<'_>, source: &Source, probe_m: DVec3, reaches: &[EdgeReach]) -> Early {
-        let scene = self.scene;
-        let (mut paths, mut waves) = specular(pair, probe_m);
+    /// The paths of one pair; `images`: where those of the source are, if they are told apart by their positions alone.
+    fn between(
+        &self,
+        pair: &Pair<'_>,
+        (source, probe_m): (&Source, DVec3),
+        images: Option<&[DVec3]>,
+        reaches: &[EdgeReach],
+    ) -> Early {
+        let &Self { scene, geometry, order, .. } = self;
+        let ways = match images {
+            Some(images) => {
+                let way = |image: &DVec3| {
+                    let arrived = unfolded::arrive(scene, geometry, source, *image, probe_m, order);
+                    arrived.map(|(planes, loss)| (Origin::At(*image), planes, loss))
+                };
+                images.par_iter().filter_map(way).collect()
+            }
+            None => in_sight(pair, probe_m),
+        };
+        let (mut paths, mut waves) = specular(pair, probe_m, ways);
         if scene.simulation.diffraction_order > 0 {
             edge::add(pair, reaches, &mut paths, &mut waves);
             chain::add(pair, &mut paths, &mut waves);
@@ -135,6 +158,19 @@ impl<'a> Prepared<'a> {
         };
         Early { paths: tidy(paths), intensity }
     }
+}
+
+/// Where images are told apart by their positions alone (`unfolded`): the highest order up to `order` at which no source has
+/// more than `most`, and how many there are. `None`: chains have to be followed.
+pub fn merged_images(scene: &Scene, geometry: &Geometry, order: usize, most: f64) -> Option<(usize, f64)> {
+    if !unfolded::applies(scene, geometry, &edge_reach(scene, geometry)) {
+        return None;
+    }
+    let of_source = |s: &Source| unfolded::positions(s.position_m, geometry, order, most as usize);
+    let all: Vec<(Vec<DVec3>, usize)> = scene.sources.iter().map(of_source).collect();
+    let order = all.iter().map(|(_, reached)| *reached).min()?;
+    let count = scene.sources.iter().map(|s| unfolded::positions(s.position_m, geometry, order, usize::MAX).0.len());
+    Some((order, count.max()? as f64))
 }
 
 /// From |p|^2 over that of the free field at 1 m to the intensity relative to it: 1 but for line sources, whose free field is
@@ -158,33 +194,47 @@ fn tidy(paths: Vec<EarlyPath>) -> Vec<EarlyPath> {
     kept
 }
 
-/// The direct sound and the specular reflections in sight, as paths and as pressures.
-fn specular<'a>(pair: &Pair<'a>, receiver: DVec3) -> (Vec<Specular>, Vec<Wave<'a>>) {
-    let &Pair { scene, geometry, kind, source, .. } = pair;
-    let (mut paths, mut waves): (Vec<Specular>, Vec<Wave<'a>>) = (Vec::new(), Vec::new());
-    let mut found: Vec<Origin> = Vec::new();
+/// The images of the source's tree in sight of `receiver`: origin, planes of reflection, loss.
+fn in_sight(pair: &Pair<'_>, receiver: DVec3) -> Vec<(Origin, Vec<usize>, Loss)> {
+    let &Pair { scene, geometry, source, .. } = pair;
+    let mut found: Vec<(Origin, Vec<usize>, Loss)> = Vec::new();
     for (index, image) in source.images.iter().enumerate() {
         // A way exactly through a corner exists in both orders of reflection, with one and the same image.
-        if found.iter().any(|other| other.coincides(&image.origin)) {
+        if found.iter().any(|(other, ..)| other.coincides(&image.origin)) {
             continue;
         }
-        let Some(loss) = source.arrive(scene, geometry, index, receiver, Skip::NONE) else { continue };
-        found.push(image.origin);
-        let (length_m, spread) = spreading(&image.origin, kind, receiver);
+        if let Some(loss) = source.arrive(scene, geometry, index, receiver, Skip::NONE) {
+            found.push((image.origin, image.planes.clone(), loss));
+        }
+    }
+    found
+}
+
+/// The direct sound and the specular reflections in sight, as paths and as pressures.
+fn specular<'a>(
+    pair: &Pair<'a>,
+    receiver: DVec3,
+    ways: Vec<(Origin, Vec<usize>, Loss)>,
+) -> (Vec<Specular>, Vec<Wave<'a>>) {
+    let &Pair { scene, geometry, kind, .. } = pair;
+    let (mut paths, mut waves): (Vec<Specular>, Vec<Wave<'a>>) = (Vec::new(), Vec::new());
+    for (origin, planes, loss) in ways {
+        let (length_m, spread) = spreading(&origin, kind, receiver);
         let air = scene.air.attenuation_per_m.iter().map(|m| (-m * length_m).exp());
         let shares: Vec<f64> = loss.factors.iter().zip(air).map(|(f, air)| f * air).collect();
         let intensity: Vec<f64> = shares.iter().map(|share| share * spread).collect();
         let names: Vec<String> = loss.surfaces.iter().map(|s| geometry.surfaces[*s].name.clone()).collect();
         paths.push(Specular {
-            planes: image.planes.clone(),
             bent: false,
             path: EarlyPath {
+                from: origin.direction_from(receiver),
                 label: if names.is_empty() { "direct".into() } else { names.join(", ") },
-                reflections: image.planes.len(),
+                reflections: planes.len(),
                 delay_s: length_m / scene.air.speed_of_sound_m_s,
                 error: vec![0.0; intensity.len()],
                 intensity,
             },
+            planes,
         });
         if scene.adds_pressures() {
             let wave = match kind {

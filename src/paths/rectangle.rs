@@ -201,7 +201,8 @@ impl Rectangles {
             let delay_s = length_m / scene.air.speed_of_sound_m_s;
             let intensity = std::mem::take(intensity);
             let key = (way.from.image, way.to.image);
-            paths.push((key, EarlyPath { label, reflections: way.reflections, delay_s, intensity, error }));
+            let from = probe.heard_from(geometry, way.to.image, gap.frame.point(way.over.x, way.over.y));
+            paths.push((key, EarlyPath { label, reflections: way.reflections, delay_s, from, intensity, error }));
         }
         paths
     }

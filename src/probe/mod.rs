@@ -3,6 +3,8 @@
 //! Intensities are relative to the source's free field at 1 m (on the axis of its directivity): a point source
 //! gives 1/r^2, a line source 1/r, a plane wave 1.
 
+use glam::DVec3;
+
 /// One deterministic path from a source to a probe.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct EarlyPath {
@@ -12,6 +14,8 @@ pub struct EarlyPath {
     pub reflections: usize,
     /// Arrival time in s: shortest unfolded way over the speed of sound.
     pub delay_s: f64,
+    /// Unit vector from the probe towards where the sound comes from.
+    pub from: DVec3,
     /// Relative intensity, one a band, air and materials included; never negative.
     pub intensity: Vec<f64>,
     /// Numerical error of `intensity` (quadrature), one a band, same unit.

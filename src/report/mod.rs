@@ -125,6 +125,10 @@ pub struct Pair {
     pub response: Option<Response>,
     /// Decay and clarity, one entry a band; may be empty.
     pub metrics: Vec<Metrics>,
+    /// The same as measured of the impulse response; may be empty.
+    pub response_metrics: Vec<Metrics>,
+    /// Speech transmission index of the impulse response, if there is one and it can be had.
+    pub speech_transmission_index: Option<f64>,
 }
 
 /// A curve from elsewhere (theory, measurement) to be drawn over a sweep.

@@ -99,7 +99,7 @@ pub fn write_closing(out: impl Write, series: &[Series]) -> io::Result<()> {
     csv.flush()
 }
 
-/// Writes `metrics.csv`: one row a source, probe and band.
+/// Writes `metrics.csv`: one row a source, probe and band; from the echogram, and in the columns `ir_` from the rendered response.
 ///
 /// # Errors
 /// What the writer says.
@@ -120,10 +120,26 @@ pub fn write_metrics(out: impl Write, pairs: &[Pair]) -> io::Result<()> {
         "t20_correlation",
         "t30_correlation",
         "note",
+        "g_db",
+        "curvature",
+        "reliable",
+        "sti",
+        "ir_edt_s",
+        "ir_t20_s",
+        "ir_t30_s",
+        "ir_c50_db",
+        "ir_c80_db",
+        "ir_d50",
+        "ir_ts_s",
+        "ir_t30_correlation",
+        "ir_note",
+        "ir_g_db",
+        "ir_curvature",
+        "ir_reliable",
     ])?;
     for pair in pairs {
         let names = [&pair.reception.source, &pair.reception.probe];
-        for m in &pair.metrics {
+        for (b, m) in pair.metrics.iter().enumerate() {
             let decays = [&m.edt, &m.t20, &m.t30];
             let numbers = decays
                 .map(|d| d.seconds)
@@ -132,7 +148,17 @@ pub fn write_metrics(out: impl Write, pairs: &[Pair]) -> io::Result<()> {
                 .chain(decays.map(|d| d.correlation))
                 .map(optional);
             let place = names.map(String::clone).into_iter().chain([number(m.band_hz)]);
-            csv.write_record(place.chain(numbers).chain([doubts(m)]))?;
+            let doubt = |m: &Metrics| [optional(m.g_db), optional(m.curvature), m.is_reliable().to_string()];
+            let rendered = pair.response_metrics.get(b).map_or_else(
+                || vec![String::new(); 12],
+                |r| {
+                    let numbers = [&r.edt, &r.t20, &r.t30].map(|d| d.seconds).into_iter();
+                    let numbers = numbers.chain([r.c50_db, r.c80_db, r.d50, r.ts_s, r.t30.correlation]).map(optional);
+                    numbers.chain([doubts(r)]).chain(doubt(r)).collect()
+                },
+            );
+            let own = place.chain(numbers).chain([doubts(m)]).chain(doubt(m));
+            csv.write_record(own.chain([optional(pair.speech_transmission_index)]).chain(rendered))?;
         }
     }
     csv.flush()

@@ -68,6 +68,11 @@ impl EnergyCurve {
             .and_then(|e| e.energy.get(band).map(|bins| (carried_over(bins), e.bin_s)))
             .filter(|(_, bin_s)| *bin_s > 0.0)
             .unwrap_or((Vec::new(), 1.0));
+        Self::of_parts(arrivals, bins, bin_s)
+    }
+
+    /// The curve of arrivals in order and bins that are not negative.
+    pub(super) fn of_parts(arrivals: Vec<(f64, f64)>, bins: Vec<f64>, bin_s: f64) -> Self {
         Self {
             arriving: sums_from(arrivals.iter().map(|a| a.1)),
             left: sums_from(bins.iter().copied()),

@@ -16,7 +16,7 @@ use crate::scene::Band;
 /// Remaining error of a band's white mean at which the iteration stops, in dB.
 const GOAL_DB: f64 = 0.01;
 /// The same for a band as filters measure it.
-const FILTER_GOAL_DB: f64 = 0.2;
+const FILTER_GOAL_DB: f64 = 0.12;
 /// Orders of the Butterworth band-passes: class 1 is met from 3 on (4 near half the sample rate).
 const FILTER_ORDERS: [i32; 2] = [3, 4];
 /// Pieces per octave into which the spectrum is summed for the fit.
@@ -25,6 +25,11 @@ const PIECES: f64 = 64.0;
 const SUPPORT_OCTAVES: f64 = 0.25;
 /// Weights of white means, of filtered means and of the gain's curvature in the least squares.
 const WEIGHTS: [f64; 3] = [30.0, 1.0, 0.03];
+/// Ratio of frequencies outside the bands over which the gain returns to 1: nobody knows the energy there, so that the plain
+/// sum of pressures stays.
+const OUTSIDE: f64 = std::f64::consts::SQRT_2;
+/// Weight that holds it there.
+const UNCORRECTED: f64 = 1e6;
 /// Largest gain or loss, in nepers of amplitude (about 52 dB).
 const LIMIT: f64 = 6.0;
 
@@ -135,7 +140,7 @@ impl<'a> Meter<'a> {
 }
 
 /// |F|^2 of a digital Butterworth band-pass of the given order with -3 dB at the band's edges (bilinear transform).
-fn butterworth(band: &Band, hz: f64, rate: f64, order: i32) -> f64 {
+pub(super) fn butterworth(band: &Band, hz: f64, rate: f64, order: i32) -> f64 {
     let warp = |hz: f64| (std::f64::consts::PI * hz / rate).tan();
     let (low, high, w) = (warp(band.low_hz), warp(band.high_hz), warp(hz));
     let detuning = (w * w - low * high) / (w * (high - low));
@@ -275,7 +280,7 @@ impl Worst {
 }
 
 /// Support points of the gain: the bands' edges and points between them, about a quarter of an octave (in narrow
-/// bands a third of a band) apart.
+/// bands a third of a band) apart; and one on either side, beyond which nothing is corrected.
 fn support(bands: &[Band]) -> Vec<f64> {
     let mut nodes: Vec<f64> = Vec::new();
     for b in bands {
@@ -288,6 +293,9 @@ fn support(bands: &[Band]) -> Vec<f64> {
             }
         }
     }
+    let (first, last) = (bands.first().map_or(1.0, |b| b.low_hz), bands.last().map_or(1.0, |b| b.high_hz));
+    nodes.insert(0, first / OUTSIDE);
+    nodes.push(last * OUTSIDE);
     nodes
 }
 
@@ -360,6 +368,11 @@ fn normal_equations(means: &[Mean], wanted: &[Option<f64>], places: &[Between], 
     let weight = WEIGHTS[2].powi(2);
     for i in 0..n {
         matrix[(i, i)] += 1e-6 * weight;
+        if i == 0 || i + 1 == n {
+            matrix[(i, i)] += UNCORRECTED;
+            right[i] -= UNCORRECTED * ln_gain[i];
+            cost += UNCORRECTED * ln_gain[i] * ln_gain[i];
+        }
         if i > 0 && i + 1 < n {
             let bend = ln_gain[i - 1] - 2.0 * ln_gain[i] + ln_gain[i + 1];
             cost += weight * bend * bend;

@@ -19,6 +19,9 @@ use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 /// Half width of the cross-fade between two bands, as a share of the narrower one's width in octaves.
 const CROSSFADE_SHARE: f64 = 1.0 / 6.0;
 
+/// Window over which a band's noise is given constant power, in periods of its width.
+const LEVELLED: f64 = 4.0;
+
 /// The time axis of a response.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TimeAxis {
@@ -80,6 +83,7 @@ pub(super) fn noise(
         }
         let done = inverse.process(&mut filtered, &mut samples);
         debug_assert!(done.is_ok());
+        level(&mut samples, LEVELLED / (bands[b].high_hz - bands[b].low_hz) * sample_rate_hz);
         let envelope = envelope(&curves[b], axis);
         let mut realised = 0.0;
         for (s, e) in samples.iter_mut().zip(&envelope) {
@@ -93,6 +97,29 @@ pub(super) fn noise(
         }
     }
     sum
+}
+
+/// Gives noise the same mean power everywhere, over `window` samples: filtered noise swells and fades, and a decay curve
+/// would carry that.
+fn level(samples: &mut [f64], window: f64) {
+    let half = (0.5 * window).round().max(1.0) as usize;
+    let mut power: Vec<f64> = samples.iter().map(|s| s * s).collect();
+    // Two running means in a row, a triangle; the noise is periodic.
+    for _ in 0..2 {
+        let n = power.len();
+        let width = (2 * half + 1).min(n);
+        let mut sum: f64 = (0..width).map(|i| power[(n - half % n + i) % n]).sum();
+        let mut smooth = Vec::with_capacity(n);
+        for i in 0..n {
+            smooth.push(sum / width as f64);
+            sum += power[(i + half + 1) % n] - power[(n + i - half % n) % n];
+        }
+        power = smooth;
+    }
+    let mean = power.iter().sum::<f64>() / power.len() as f64;
+    for (s, p) in samples.iter_mut().zip(&power) {
+        *s *= (mean / p.max(1e-3 * mean)).sqrt();
+    }
 }
 
 /// Random signs from the seed and the names of source and probe.

@@ -71,19 +71,17 @@ pub struct Metrics {
     pub d50: Option<f64>,
     /// Centre time in s.
     pub ts_s: Option<f64>,
+    /// Strength in dB: level re the same (point) source's free field at 10 m.
+    pub g_db: Option<f64>,
+    /// T30 over T20 less 1: how bent the decay is.
+    pub curvature: Option<f64>,
 }
 
-/// The parameters of a reception, one entry a band.
-///
-/// Decay times are not reliable where nothing was traced: a list of paths ends with its order, not with the sound.
-pub fn metrics(reception: &Reception, bands: &[Band]) -> Vec<Metrics> {
-    bands.iter().enumerate().map(|(b, band)| of_band(reception, b, band.nominal_hz)).collect()
-}
-
-fn of_band(reception: &Reception, band: usize, band_hz: f64) -> Metrics {
-    let Some(decay) = Decay::new(EnergyCurve::new(reception, band)) else {
+impl Metrics {
+    /// Those of a band in which nothing arrives.
+    pub(super) fn silent(band_hz: f64) -> Self {
         let nothing = DecayTime::undefined("nothing arrives in this band");
-        return Metrics {
+        Self {
             band_hz,
             edt: nothing.clone(),
             t20: nothing.clone(),
@@ -92,13 +90,40 @@ fn of_band(reception: &Reception, band: usize, band_hz: f64) -> Metrics {
             c80_db: None,
             d50: None,
             ts_s: None,
-        };
-    };
+            g_db: None,
+            curvature: None,
+        }
+    }
+
+    /// Whether all three decay times are.
+    pub fn is_reliable(&self) -> bool {
+        [&self.edt, &self.t20, &self.t30].iter().all(|d| d.reliable)
+    }
+}
+
+/// The parameters of a reception, one entry a band.
+///
+/// Decay times are not reliable where nothing was traced: a list of paths ends with its order, not with the sound.
+pub fn metrics(reception: &Reception, bands: &[Band]) -> Vec<Metrics> {
+    let curves = (0..bands.len()).map(|b| EnergyCurve::new(reception, b));
+    bands
+        .iter()
+        .zip(curves)
+        .map(|(band, curve)| {
+            let traced = curve.bins.iter().any(|e| *e > 0.0);
+            of_curve(curve, band.nominal_hz, traced)
+        })
+        .collect()
+}
+
+/// The parameters of one band's curve; `traced`: whether it holds more than a list of paths.
+pub(super) fn of_curve(curve: EnergyCurve, band_hz: f64, traced: bool) -> Metrics {
+    let Some(decay) = Decay::new(curve, traced) else { return Metrics::silent(band_hz) };
     let edt = decay.time(0.0, -10.0, STRAIGHT_EARLY);
     let mut t20 = decay.time(-5.0, -25.0, STRAIGHT);
     let mut t30 = decay.time(-5.0, -35.0, STRAIGHT);
-    if let (Some(a), Some(b)) = (t20.seconds, t30.seconds) {
-        let curvature = b / a - 1.0;
+    let curvature = t20.seconds.zip(t30.seconds).map(|(a, b)| b / a - 1.0);
+    if let Some(curvature) = curvature {
         if curvature.abs() > CURVATURE {
             let reason = format!("the decay is bent: T30 differs from T20 by {:.0} %", 100.0 * curvature);
             t20.doubt(&reason);
@@ -120,6 +145,8 @@ fn of_band(reception: &Reception, band: usize, band_hz: f64) -> Metrics {
         c80_db: clarity(share(0.08)),
         d50: Some(share(0.05).0 / decay.total),
         ts_s: Some(decay.centre_time_s()),
+        g_db: Some(10.0 * decay.total.log10() + 20.0),
+        curvature,
     }
 }
 
@@ -142,7 +169,7 @@ struct Decay {
 
 impl Decay {
     /// `None` if there is no energy.
-    fn new(curve: EnergyCurve) -> Option<Self> {
+    fn new(curve: EnergyCurve, traced: bool) -> Option<Self> {
         let start_s = curve.first_arrival_s()?;
         let known = curve.total();
         if !(known > 0.0 && known.is_finite()) {
@@ -151,7 +178,7 @@ impl Decay {
         let end_s = curve.end_s() - start_s;
         let bins_end = curve.bins.len() as f64 * curve.bin_s;
         let (mut tail, mut tail_rate, mut doubt) = (0.0, 0.0, None);
-        if curve.bins.iter().all(|e| *e <= 0.0) {
+        if !traced {
             doubt = Some("no reverberation was traced");
         } else {
             let quarter = 0.25 * (bins_end - start_s.min(bins_end));

@@ -16,6 +16,7 @@
 //! 3. A smooth minimum-phase gain makes the band energies of the sum those of [`Reception::levels`], because pressures
 //!    interfere where intensities add. A band with intensity 0 is silenced.
 
+mod analysis;
 mod energy;
 mod gain;
 mod late;
@@ -26,6 +27,7 @@ use std::path::Path;
 
 use realfft::RealFftPlanner;
 
+pub use analysis::{response_metrics, speech_transmission_index};
 pub use metrics::{DecayTime, Metrics, metrics};
 
 use crate::error::{Error, Result, Warning};

@@ -409,6 +409,8 @@ pub struct Output {
     pub sample_rate_hz: u32,
     /// Length in s; `None`: from the decay.
     pub response_length_s: Option<f64>,
+    /// Signal-to-noise ratio in dB for the speech transmission index; `None`: no noise.
+    pub signal_to_noise_db: Option<f64>,
 }
 
 /// A parameter sweep.

@@ -262,6 +262,8 @@ pub struct OutputTable {
     pub sample_rate_hz: Option<Spanned<Whole>>,
     /// s.
     pub response_length_s: Option<Spanned<f64>>,
+    /// dB.
+    pub signal_to_noise_db: Option<Spanned<f64>>,
 }
 
 /// `[sweep]`

@@ -63,8 +63,7 @@ fn standard_error(sum: f64, square: f64, count: u64) -> f64 {
 impl<const N: usize> Tally<N> {
     /// A tally that others are merged into, as [`Self::new`].
     pub(super) fn of_batches(probes: usize, bins: usize, bin_s: f64) -> Self {
-        let batches =
-            Batches { count: 0, level: vec![[0.0; N]; probes], bins: vec![[0.0; N]; probes * bins] };
+        let batches = Batches { count: 0, level: vec![[0.0; N]; probes], bins: vec![[0.0; N]; probes * bins] };
         Self { batches: Some(batches), ..Self::new(probes, bins, bin_s) }
     }
 

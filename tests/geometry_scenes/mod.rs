@@ -49,7 +49,7 @@ pub(crate) fn empty() -> Scene {
             interference: false,
             ray_tolerance: 2e-3,
         },
-        output: Output { sample_rate_hz: 48000, response_length_s: None },
+        output: Output { sample_rate_hz: 48000, response_length_s: None, signal_to_noise_db: None },
         sweep: None,
     }
 }

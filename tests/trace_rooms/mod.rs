@@ -48,7 +48,7 @@ pub(crate) fn empty(bands: usize) -> Scene {
             interference: false,
             ray_tolerance: 2e-3,
         },
-        output: Output { sample_rate_hz: 48_000, response_length_s: None },
+        output: Output { sample_rate_hz: 48_000, response_length_s: None, signal_to_noise_db: None },
         sweep: None,
     }
 }

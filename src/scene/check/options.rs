@@ -205,6 +205,16 @@ pub(super) fn output(
         None => None,
         Some(length) => Some(number(length, "response_length_s", Limits::PositiveUpTo(100.0), "in seconds", at)?),
     };
+    let signal_to_noise_db = match &table.signal_to_noise_db {
+        None => None,
+        Some(ratio) => Some(number(
+            ratio,
+            "signal_to_noise_db",
+            Limits::Within(-100.0, 100.0),
+            "in dB, the same in every octave",
+            at,
+        )?),
+    };
     if let Some(highest) = bands.last().filter(|band| band.high_hz >= rate as f64 / 2.0) {
         warnings.push(Warning {
             observation: format!(
@@ -215,7 +225,7 @@ pub(super) fn output(
         });
     }
     // At most 192 000.
-    Ok(Output { sample_rate_hz: rate as u32, response_length_s })
+    Ok(Output { sample_rate_hz: rate as u32, response_length_s, signal_to_noise_db })
 }
 
 /// The file's own sweep, without its reference.

@@ -1,0 +1,146 @@
+//! Room-acoustic parameters and the speech transmission index of a rendered response, as one would measure them.
+//!
+//! Band filters are Butterworth band-passes of order 4 (IEC 61260-1 class 1) without phase, so that nothing is delayed.
+
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex64;
+
+use super::energy::EnergyCurve;
+use super::gain::butterworth;
+use super::late::smooth_length;
+use super::metrics::{Metrics, of_curve};
+use super::{Response, earliest_shift_s};
+use crate::probe::Reception;
+use crate::scene::{Band, Spacing, bands_between};
+
+/// Silence in s about the response in which filters ring.
+const RINGING_S: f64 = 0.5;
+/// Modulation frequencies of the speech transmission index in Hz (IEC 60268-16:2011, 4.2).
+const MODULATION_HZ: [f64; 14] = [0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0, 10.0, 12.5];
+/// Weights of the octaves 125 Hz to 8 kHz for male speech, and of neighbours' redundancy (IEC 60268-16:2011, table A.1).
+const MALE: ([f64; 7], [f64; 6]) =
+    ([0.085, 0.127, 0.230, 0.233, 0.309, 0.224, 0.173], [0.085, 0.078, 0.065, 0.011, 0.047, 0.095]);
+
+/// The parameters of the rendered response of `reception`, one entry a band; time 0 is the reception's first arrival.
+/// Bands that reach beyond half the sample rate have none.
+pub fn response_metrics(reception: &Reception, response: &Response, bands: &[Band]) -> Vec<Metrics> {
+    let curves = (0..bands.len()).map(|b| EnergyCurve::new(reception, b));
+    let starts: Vec<Option<f64>> = curves.map(|c| c.first_arrival_s()).collect();
+    let traced = reception.echogram.is_some();
+    let shift_s = earliest_shift_s(reception);
+    let measured = Measured::new(response);
+    let one = |(band, start): (&Band, Option<f64>)| {
+        let start_s = start? + shift_s;
+        let energy = measured.energy(band)?;
+        let sum: f64 = energy.iter().sum();
+        // A band-pass rings before the sound too: that energy arrives with it.
+        let first = ((start_s * measured.rate_hz) as usize).min(energy.len());
+        let before: f64 = energy[..first].iter().sum();
+        let mut bins = energy;
+        bins[..first].fill(0.0);
+        // To the scale of relative intensities: the mean of |H|^2 over the band.
+        let scale = measured.unit(band);
+        bins.iter_mut().for_each(|e| *e *= scale);
+        let arrivals = vec![(start_s, before * scale)];
+        (sum > 0.0)
+            .then(|| of_curve(EnergyCurve::of_parts(arrivals, bins, 1.0 / measured.rate_hz), band.nominal_hz, traced))
+    };
+    bands.iter().zip(starts).map(|b| one(b).unwrap_or_else(|| Metrics::silent(b.0.nominal_hz))).collect()
+}
+
+/// Speech transmission index 0..=1 (IEC 60268-16:2011, full, male) of a response at a signal-to-noise ratio in dB that holds in
+/// every octave; `None` if the response does not reach 8 kHz or an octave from 125 Hz on is silent.
+///
+/// Modulation transfer by Schroeder (1981): m(F) = |int h^2 exp(-i 2 pi F t) dt| / int h^2 dt / (1 + 10^(-snr/10)).
+/// Masking and the threshold of hearing, which need absolute levels, are left out.
+pub fn speech_transmission_index(response: &Response, signal_to_noise_db: f64) -> Option<f64> {
+    let measured = Measured::new(response);
+    let mut octaves = Vec::new();
+    for band in bands_between(Spacing::Octave, 125.0, 8000.0) {
+        let energy = measured.energy(&band)?;
+        let sum: f64 = energy.iter().sum();
+        if sum <= 0.0 {
+            return None;
+        }
+        octaves.push(energy.iter().map(|e| e / sum).collect::<Vec<f64>>());
+    }
+    let noise = 1.0 / (1.0 + 10f64.powf(-0.1 * signal_to_noise_db));
+    let transfer: Vec<f64> = octaves
+        .iter()
+        .map(|energy| {
+            let index = |hz: f64| {
+                let turn = Complex64::cis(-std::f64::consts::TAU * hz / measured.rate_hz);
+                let (mut phase, mut sum) = (Complex64::new(1.0, 0.0), Complex64::ZERO);
+                for e in energy {
+                    sum += phase * e;
+                    phase *= turn;
+                }
+                let m = (sum.norm() * noise).min(1.0);
+                let apparent_db = 10.0 * (m / (1.0 - m)).log10();
+                (apparent_db.clamp(-15.0, 15.0) + 15.0) / 30.0
+            };
+            MODULATION_HZ.map(index).iter().sum::<f64>() / MODULATION_HZ.len() as f64
+        })
+        .collect();
+    let (alpha, beta) = MALE;
+    let own: f64 = alpha.iter().zip(&transfer).map(|(a, m)| a * m).sum();
+    let shared: f64 = beta.iter().zip(transfer.windows(2)).map(|(b, m)| b * (m[0] * m[1]).sqrt()).sum();
+    Some((own - shared).clamp(0.0, 1.0))
+}
+
+/// A response and its spectrum.
+struct Measured {
+    rate_hz: f64,
+    length: usize,
+    grid: usize,
+    spectrum: Vec<Complex64>,
+}
+
+impl Measured {
+    fn new(response: &Response) -> Self {
+        let rate_hz = f64::from(response.sample_rate_hz);
+        let length = response.samples.len();
+        let grid = smooth_length(length + (RINGING_S * rate_hz) as usize);
+        let mut time: Vec<f64> = response.samples.iter().map(|s| f64::from(*s)).collect();
+        time.resize(grid, 0.0);
+        let forward = RealFftPlanner::new().plan_fft_forward(grid);
+        let mut spectrum = forward.make_output_vec();
+        // Buffers have the plan's own lengths, the only thing the transforms can object to.
+        let done = forward.process(&mut time, &mut spectrum);
+        debug_assert!(done.is_ok());
+        Self { rate_hz, length, grid, spectrum }
+    }
+
+    /// |F|^2 of a band's filter at bin `k`.
+    fn filter(&self, band: &Band, k: usize) -> f64 {
+        butterworth(band, k as f64 * self.rate_hz / self.grid as f64, self.rate_hz, 4)
+    }
+
+    /// Energy of each sample in a band; what rings beyond the end counts with the last, and before 0 with the first one.
+    fn energy(&self, band: &Band) -> Option<Vec<f64>> {
+        if band.high_hz > 0.49 * self.rate_hz {
+            return None;
+        }
+        let mut filtered: Vec<Complex64> =
+            self.spectrum.iter().enumerate().map(|(k, h)| h * self.filter(band, k).sqrt() / self.grid as f64).collect();
+        filtered[0].im = 0.0;
+        if let Some(last) = filtered.last_mut() {
+            last.im = 0.0;
+        }
+        let inverse = RealFftPlanner::new().plan_fft_inverse(self.grid);
+        let mut time = inverse.make_output_vec();
+        let done = inverse.process(&mut filtered, &mut time);
+        debug_assert!(done.is_ok());
+        let mut energy: Vec<f64> = time.iter().map(|x| x * x).collect();
+        let before: f64 = energy[self.length + (self.grid - self.length) / 2..].iter().sum();
+        energy.truncate(self.length);
+        energy[0] += before;
+        Some(energy)
+    }
+
+    /// From a band's energy to the mean of |H|^2 as the filter sees it.
+    fn unit(&self, band: &Band) -> f64 {
+        let power: f64 = (0..self.spectrum.len()).map(|k| self.filter(band, k)).sum();
+        self.grid as f64 / (2.0 * power)
+    }
+}
