@@ -61,6 +61,11 @@ impl SlitTables {
         })
     }
 
+    /// Drops what belongs to sources; the apertures stay.
+    pub fn forget_sources(&self) {
+        self.sources.write().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
     /// The apertures of a band and the field of `source` (at `incident`) behind them.
     pub fn band<'a>(&'a self, band: usize, source: &'a LitBands, incident: &Incident) -> Solved<'a> {
         let (spectrum, apertures) = &self.bands[band];
