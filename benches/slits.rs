@@ -4,6 +4,9 @@ use diffray::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use diffray::wbsdf::mask::{Jambs, Mask};
 use diffray::wbsdf::referee::exact_intensity;
 use diffray::wbsdf::slit::{BandApertures, intensity};
+use diffray::wbsdf::tables::{SlitTables, Solved};
+use diffray::wbsdf::utd::band_nodes;
+use diffray::wbsdf::utd_opening::OpeningRays;
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 
@@ -51,7 +54,8 @@ fn levels_along_the_screen(bencher: Bencher, ka: f64) {
     let (mask, crossings) = (of_ka(ka), crossings([75.0, 85.0]));
     let tables = BandApertures::new(&mask, 0.0, &OCTAVE, 1.0);
     bencher.counter(ItemsCount::new(crossings.len())).bench_local(|| {
-        let level = |c: &Crossing| intensity(&mask, 0.0, black_box(c), &OCTAVE, || Some(&tables), TOLERANCE).value;
+        let solved = Solved { apertures: &tables, lit: None };
+        let level = |c: &Crossing| intensity(&mask, 0.0, black_box(c), &OCTAVE, || Some(solved), TOLERANCE).value;
         crossings.iter().map(level).sum::<f64>()
     });
 }
@@ -63,6 +67,90 @@ fn exact_apertures(bencher: Bencher, ka: f64) {
     bencher
         .counter(ItemsCount::new(crossings.len()))
         .bench_local(|| crossings.iter().map(|c| tables.intensity(&mask, black_box(c)).value).sum::<f64>());
+}
+
+/// One thin or deep (0.1 m) opening, or two of them, with k times width `ka` at 1 kHz; source and probes up to 60 degrees off.
+#[derive(Debug)]
+struct Scene {
+    kind: &'static str,
+    ka: f64,
+    probes: usize,
+}
+
+impl Scene {
+    fn mask(&self) -> (Mask, f64) {
+        let a = 2.0 * self.ka / (OCTAVE.low_k() + OCTAVE.high_k());
+        match self.kind {
+            "two" => (Mask::new(&[[-2.5 * a, -1.5 * a], [1.5 * a, 2.5 * a]]), 0.0),
+            "deep" => (slit(a), 0.1),
+            _ => (slit(a), 0.0),
+        }
+    }
+
+    fn crossings(&self) -> Vec<Crossing> {
+        let incident = Incident::Line { x_m: -1.2, z_m: 3.1 };
+        crossings([0.0, 60.0]).iter().cycle().take(self.probes).map(|c| Crossing { incident, ..*c }).collect()
+    }
+}
+
+const SCENES: [Scene; 14] = {
+    const fn of(kind: &'static str, ka: f64, probes: usize) -> Scene {
+        Scene { kind, ka, probes }
+    }
+    [
+        of("thin", 0.1, 1),
+        of("thin", 0.1, 10),
+        of("thin", 0.1, 100),
+        of("thin", 1.0, 100),
+        of("thin", 10.0, 100),
+        of("thin", 100.0, 100),
+        of("deep", 0.1, 1),
+        of("deep", 0.1, 100),
+        of("deep", 1.0, 100),
+        of("deep", 10.0, 100),
+        of("two", 0.1, 1),
+        of("two", 0.1, 100),
+        of("two", 1.0, 100),
+        of("two", 5.0, 100),
+    ]
+};
+
+/// Eight octaves, the source's part included, with the tables in place.
+#[divan::bench(args = SCENES)]
+fn levels_with_tables(bencher: Bencher, scene: &Scene) {
+    let ((mask, thickness_m), crossings, bands) = (scene.mask(), scene.crossings(), octaves());
+    let tables = SlitTables::new(mask, thickness_m, &bands);
+    let level = |c: &Crossing| -> f64 {
+        let lit = tables.source(&c.incident);
+        let of_band = |(i, band)| {
+            intensity(tables.mask(), thickness_m, c, band, || Some(tables.band(i, &lit, &c.incident)), TOLERANCE).value
+        };
+        bands.iter().enumerate().map(of_band).sum()
+    };
+    crossings.iter().for_each(|c| {
+        black_box(level(c));
+    });
+    bencher.counter(ItemsCount::new(8 * crossings.len())).bench_local(|| {
+        tables.forget_sources();
+        crossings.iter().map(|c| level(black_box(c))).sum::<f64>()
+    });
+}
+
+/// The same by the uniform theory of diffraction (which knows thin screens only).
+#[divan::bench(args = SCENES)]
+fn the_same_by_uniform_theory(bencher: Bencher, scene: &Scene) {
+    let ((mask, _), crossings, bands) = (scene.mask(), scene.crossings(), octaves());
+    let level = |c: &Crossing| -> f64 {
+        let rays = OpeningRays::new(mask.openings(), c);
+        let mean = |band: &Spectrum| {
+            let nodes = band_nodes(band, rays.detour_m());
+            nodes.iter().map(|(k, weight)| weight * rays.pressure(*k).norm_sqr()).sum::<f64>()
+        };
+        bands.iter().map(mean).sum()
+    };
+    bencher
+        .counter(ItemsCount::new(8 * crossings.len()))
+        .bench_local(|| crossings.iter().map(|c| level(black_box(c))).sum::<f64>());
 }
 
 #[divan::bench(args = [1.0, 14.0, 100.0], sample_count = 3, sample_size = 1)]

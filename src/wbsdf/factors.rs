@@ -6,6 +6,9 @@ use num_complex::Complex64;
 /// Position in relative units within which openings count as mirrored.
 const SAME: f64 = 1e-12;
 
+/// What counts as zero relative to the largest part of a vector.
+const ROUNDING: f64 = 1e-14;
+
 /// Whether the openings are the same seen from the other side of their middle.
 pub(super) fn mirrored(openings: &[[f64; 2]]) -> bool {
     let (Some(first), Some(last)) = (openings.first(), openings.last()) else { return false };
@@ -71,8 +74,14 @@ impl Factors {
                 let n = right.len();
                 let half =
                     |size: usize, sign: f64| DVector::from_fn(size, |i, _| 0.5 * (right[i] + sign * right[n - 1 - i]));
-                let same = symmetric.solve(&half(n - n / 2, 1.0));
-                let opposite = antisymmetric.solve(&half(n / 2, -1.0));
+                let (even, odd) = (half(n - n / 2, 1.0), half(n / 2, -1.0));
+                // A vector that is symmetric or antisymmetric within rounding takes one part only.
+                let least = ROUNDING * even.camax().max(odd.camax());
+                let solve = |part: &Part, right: &DVector<Complex64>| match right.camax() > least {
+                    true => part.solve(right),
+                    false => DVector::zeros(right.len()),
+                };
+                let (same, opposite) = (solve(symmetric, &even), solve(antisymmetric, &odd));
                 DVector::from_fn(n, |i, _| {
                     let mirror = n - 1 - i;
                     let odd = if i < n / 2 {

@@ -32,6 +32,8 @@ const NEGLIGIBLE: f64 = 1e-7;
 const WIDEST: f64 = 250.0;
 /// Most waves of one opening.
 const MOST_ORDERS: usize = 400;
+/// How far above the highest order the recurrence of [`regular`] starts.
+const START: usize = 30;
 
 /// 1/(n + 1), so that the recurrence needs no division.
 const INVERSES: [f64; MOST_ORDERS] = {
@@ -83,30 +85,24 @@ type Seen = Vec<(f64, f64)>;
 
 /// J_n(k x)/s_n of orders 0..=`order`, for `share` = x/b in -1..=1 and `kb` = k b.
 fn regular(order: usize, kb: f64, share: f64) -> Vec<f64> {
-    // J_n(k x)/s_n = share^n F_n with F_n = 0F1(n + 1; -q), q = (k x/2)^2: its series at the two highest orders, where it
-    // converges at once, and F_(n-1) = F_n - q/(n (n + 1)) F_(n+1) downwards, which is stable.
-    let q = (0.5 * kb * share).powi(2);
-    let top = order.max(q.ceil() as usize) + 1;
-    let series = |n: usize| {
-        let (mut term, mut sum) = (1.0_f64, 1.0);
-        for j in 1..60 {
-            term *= -q / (j * (n + j)) as f64;
-            sum += term;
-            if term.abs() < 1e-17 {
-                break;
-            }
+    // J_n(k x)/s_n = share^n F_n, and with q = (k x/2)^2 downwards F_(n-1) = F_n - q/(n (n + 1)) F_(n+1), which is stable
+    // (Miller): any start that is far enough up, then scaled to J0 or J1, whichever is larger.
+    let x = kb * share;
+    let q = 0.25 * x * x;
+    let mut values = vec![1.0; order + 1];
+    let (mut above, mut here) = (1.0, 1.0);
+    for n in (1..=order.max(x.abs() as usize) + START).rev() {
+        (above, here) = (here, here - q * INVERSES[n] * INVERSES[n - 1] * above);
+        if n <= order + 1 {
+            values[n - 1] = here;
         }
-        sum
-    };
-    let (mut above, mut here) = (series(top + 1), series(top));
-    let mut values = vec![0.0; order + 1];
-    for n in (0..=top).rev() {
-        if n <= order {
-            values[n] = here * share.powi(n as i32);
-        }
-        if n > 0 {
-            (above, here) = (here, here - q / (n * (n + 1)) as f64 * above);
-        }
+    }
+    let (zero, one) = (libm::j0(x), libm::j1(x));
+    let scale = if zero.abs() > one.abs() { zero / here } else { 2.0 * one / (x * above) };
+    let mut power = scale;
+    for value in &mut values {
+        *value *= power;
+        power *= share;
     }
     values
 }
@@ -148,12 +144,14 @@ fn waves(
 /// Highest orders that count at the distances [`REACHES`], for `kb` = k b.
 fn orders(kb: f64) -> [usize; REACHES.len()] {
     let least = kb.ceil() as usize;
-    let edge = regular(MOST_ORDERS - 1, kb, 1.0);
+    // 24 at the nearest while k b is small, k b + 7 (k b)^(1/3) at most.
+    let most = (least + 30 + 2 * kb.sqrt() as usize).min(MOST_ORDERS - START - 1);
+    let edge = regular(most, kb, 1.0);
     REACHES.map(|reach| {
-        let (mut first, mut found) = (0.0, MOST_ORDERS - 1);
+        let (mut first, mut found) = (0.0, most);
         let mut enough = false;
         // k times 1 m is kb with a half width of 1 m.
-        waves(&[kb; LANES], 1.0, (reach, 1.0), MOST_ORDERS - 1, |n, wave, _| {
+        waves(&[kb; LANES], 1.0, (reach, 1.0), most, |n, wave, _| {
             let size = wave[0][0].hypot(wave[1][0]) * edge[n].abs();
             if n == 0 {
                 first = wave[0][0].hypot(wave[1][0]);
@@ -324,7 +322,16 @@ impl Block {
                     for (to, shapes) in circles.iter().zip(&shapes) {
                         let first = if alone { m % 2 } else { 0 };
                         for n in (first..=to.orders[0]).step_by(if alone { 2 } else { 1 }) {
-                            let moment: Complex64 = shapes.iter().map(|(i, shape)| shape[n] * strengths[*i]).sum();
+                            let sum = |own: &[(usize, Vec<f64>)]| -> Complex64 {
+                                own.iter().map(|(i, shape)| shape[n] * strengths[*i]).sum()
+                            };
+                            // Both halves of a mirrored opening give the same.
+                            let (half, odd) = (shapes.len() / 2, shapes.len() % 2);
+                            let moment = if alone {
+                                2.0 * sum(&shapes[..half]) + sum(&shapes[half..half + odd])
+                            } else {
+                                sum(shapes)
+                            };
                             let entry = &mut block.passed[(to.start + n) * count + from.start + m];
                             (entry[0][lane], entry[1][lane]) = (moment.re, moment.im);
                         }

@@ -61,7 +61,7 @@ impl SlitTables {
         })
     }
 
-    /// Drops the fields of all sources.
+    /// Drops what belongs to sources; the apertures stay.
     pub fn forget_sources(&self) {
         self.sources.write().unwrap_or_else(PoisonError::into_inner).clear();
     }
