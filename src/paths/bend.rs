@@ -7,7 +7,7 @@ use num_complex::Complex64;
 
 use super::Pair;
 use super::images::{Image, Origin};
-use super::reach::{FELT_FRESNEL, Place, angle_of, image_detour_m, place, way_m};
+use super::reach::{FELT_FRESNEL, Place, angle_of, image_detour_m, way_m};
 use super::smooth::{NODES, Nodes, SILENT, Smooth, turn};
 use super::wave::{Sound, Wave};
 use crate::geometry::{Edge, Geometry, Skip};
@@ -82,6 +82,8 @@ pub(super) struct Ends<'p, 'a> {
     pub(super) edge: &'a Edge,
     pub(super) from: &'p Image,
     pub(super) receiver: DVec3,
+    /// Where the source's image (not a plane wave's) and the probe's stand about the edge.
+    pub(super) places: [Place; 2],
 }
 
 /// The way over an edge, in sight of both its ends.
@@ -126,16 +128,20 @@ impl<'a> Ends<'_, 'a> {
     pub(super) fn way(&self, lit: bool) -> Option<Way> {
         let &Pair { scene, spectra, kind, .. } = self.pair;
         let edge = self.edge;
-        let to = place(edge, self.receiver);
+        let [source, to] = self.places;
+        let inside = |phi: f64| phi <= edge.exterior_angle + 1e-9;
+        if !inside(to.phi) {
+            return None;
+        }
         let two_dimensional = *kind != SourceKind::Point;
         let (from, keller_m, sin_beta) = match self.from.origin {
-            Origin::At(position) => {
+            Origin::At(_) => {
                 if let SourceKind::Line(axis) = kind
                     && axis.dot(edge.direction).abs() < 1.0 - 1e-9
                 {
                     return None;
                 }
-                let from = place(edge, position);
+                let from = source;
                 let keller = from.along_m + (to.along_m - from.along_m) * from.r_m / (from.r_m + to.r_m);
                 (from, if two_dimensional { to.along_m } else { keller }, 1.0)
             }
@@ -147,7 +153,6 @@ impl<'a> Ends<'_, 'a> {
                 (from, to.along_m - to.r_m * cos_beta / sin_beta, sin_beta)
             }
         };
-        let inside = |phi: f64| phi <= edge.exterior_angle + 1e-9;
         if !(inside(from.phi) && inside(to.phi) && from.r_m > 0.0 && to.r_m > 0.0 && keller_m.is_finite()) {
             return None;
         }

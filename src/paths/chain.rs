@@ -210,17 +210,24 @@ impl Over<'_> {
         };
         let faint = match changed {
             Some(path) => *paths[path].path.intensity.first()? < FAINT * strongest,
-            None => {
-                let bound = chain.bound(spectra.first()?.low_k()) * self.free();
-                bound < FAINT * strongest || Heard::new(self.pair, paths).drowns(self.pair, self.over_m(), bound.sqrt())
-            }
+            None => chain.bound(spectra.first()?.low_k()) * self.free() < FAINT * strongest,
         };
         if faint {
             return None;
         }
+        // Over long ways only low bands may bring anything.
+        let heard = Heard::new(self.pair, paths);
+        let silent_in = |(band, spectrum): (usize, &Spectrum)| {
+            let bound = (chain.bound(spectrum.low_k()) * self.free()).sqrt();
+            changed.is_none() && heard.drowns_in(band, spectrum, self.over_m(), bound)
+        };
+        let silent: Vec<bool> = spectra.iter().enumerate().map(silent_in).collect();
+        if silent.iter().all(|silent| *silent) {
+            return None;
+        }
         let factors: Vec<f64> = before.factors.iter().zip(&after.factors).map(|(a, b)| a * b).collect();
         if scene.adds_pressures() {
-            waves.extend(self.wave(origin, apexes[0], &factors));
+            waves.extend(self.wave(origin, apexes[0], &factors, &silent));
         }
         if let Some(changed) = changed.filter(|_| scene.simulation.transport != Transport::Utd) {
             for (band, spectrum) in spectra.iter().enumerate() {
@@ -244,13 +251,17 @@ impl Over<'_> {
             return None;
         }
         let mut intensity = Vec::with_capacity(spectra.len());
-        let mut length_m = 0.0;
+        let mut length_m = self.over_m();
         for (band, spectrum) in spectra.iter().enumerate() {
+            if silent[band] {
+                intensity.push(0.0);
+                continue;
+            }
             let (mean, length) = self.mean(spectrum)?;
             let air = (-scene.air.attenuation_per_m[band] * length).exp();
             intensity.push(mean * factors[band] * air);
             length_m = length;
-            if intensity[0] < FAINT * strongest {
+            if band == 0 && intensity[0] < FAINT * strongest {
                 return None;
             }
         }
@@ -294,7 +305,8 @@ impl Over<'_> {
     }
 
     /// The sound over both edges as a pressure; where one of them is passed in sight, what it changes of that over the other.
-    fn wave<'w>(&self, origin: Origin, apex: DVec3, factors: &[f64]) -> Option<Wave<'w>> {
+    /// `silent`: bands that nobody hears.
+    fn wave<'w>(&self, origin: Origin, apex: DVec3, factors: &[f64], silent: &[bool]) -> Option<Wave<'w>> {
         let &Pair { scene, spectra, kind, .. } = self.pair;
         let chain = self.chain;
         let [_, between, behind] = chain.legs_m();
@@ -324,12 +336,16 @@ impl Over<'_> {
             });
         }
         // The portal is as long as the longest waves of a band and as fine as its shortest.
-        let fields: Vec<ChainField> = spectra.iter().map(|s| ChainField::new(chain, s)).collect::<Option<_>>()?;
+        let field = |(spectrum, silent): (&Spectrum, &bool)| match silent {
+            true => Some(None),
+            false => ChainField::new(chain, spectrum).map(Some),
+        };
+        let fields: Vec<Option<ChainField>> = spectra.iter().zip(silent).map(field).collect::<Option<_>>()?;
         Some(Wave {
             length_m,
             wander_m: chain.detour_m(),
             sound: Sound::at(move |band, k| {
-                let field = &fields[band];
+                let Some(field) = &fields[band] else { return Complex64::ZERO };
                 let pressure = if shadow { field.pressure(k) } else { field.correction(k).unwrap_or_default() };
                 pressure * Complex64::from_polar(amplitudes[band], k * ahead_m)
             }),

@@ -9,7 +9,7 @@
 
 use super::bend::{Bend, Ends, Ray, Sent, Way, send};
 use super::images::{Image, Origin};
-use super::reach::EdgeReach;
+use super::reach::{EdgeReach, Place, place};
 use super::smooth::{NODES, Nodes};
 use super::wave::Wave;
 use super::{Pair, Specular};
@@ -39,6 +39,11 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
     let specular = paths.len();
     let undisturbed: Vec<Vec<f64>> = paths.iter().map(|path| path.path.intensity.clone()).collect();
     let mut heard = Heard::new(pair, paths);
+    let about = |image: &Image| -> Vec<Place> {
+        felt.iter().map(|edge| if let Origin::At(at) = image.origin { place(edge, at) } else { Place::NONE }).collect()
+    };
+    let sources: Vec<Vec<Place>> = source.images.iter().map(about).collect();
+    let probes: Vec<Vec<Place>> = probe.images.iter().map(about).collect();
     for (s, from) in source.images.iter().enumerate() {
         for (p, to) in probe.images.iter().enumerate() {
             let reflections = from.planes.len() + to.planes.len();
@@ -50,10 +55,22 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
                 let planes = from.planes.iter().copied().chain(between).chain(to.planes.iter().rev().copied());
                 paths[..specular].iter().position(|path| planes.clone().eq(path.planes.iter().copied()))
             };
+            let inside = |i: usize| {
+                let from_plane = matches!(from.origin, Origin::Along(_));
+                let within = |place: &Place| place.phi <= felt[i].exterior_angle + 1e-9;
+                within(&probes[p][i]) && (from_plane || within(&sources[s][i]))
+            };
+            if !(0..felt.len()).any(inside) {
+                continue;
+            }
             let lit = find(None);
-            let ends = |edge: &&'a Edge| Ends { pair, edge: *edge, from, receiver };
+            let ends = |(i, edge): (usize, &&'a Edge)| {
+                let places = [sources[s][i], probes[p][i]];
+                Ends { pair, edge: *edge, from, receiver, places }
+            };
             let mut ways: Vec<(Ends<'_, 'a>, Way, f64)> = felt
                 .iter()
+                .enumerate()
                 .map(ends)
                 .filter_map(|ends| {
                     let way = ends.way(lit.is_some())?;
@@ -156,16 +173,22 @@ impl Heard {
         }
     }
 
-    /// Whether what comes over one edge or more, at most `bound` at the lowest wave number, changes no level by more than [`UNHEARD`], as
-    /// energy or by interference.
-    pub(super) fn drowns(&self, pair: &Pair<'_>, length_m: f64, bound: f64) -> bool {
+    /// Whether what comes over an edge, at most `bound` at the lowest wave number, is inaudible in every band.
+    fn drowns(&self, pair: &Pair<'_>, length_m: f64, bound: f64) -> bool {
+        let in_band = |(band, spectrum): (usize, &Spectrum)| {
+            self.drowns_in(band, spectrum, length_m, bound * (self.low_k / spectrum.low_k()).sqrt())
+        };
+        pair.spectra.iter().enumerate().all(in_band)
+    }
+
+    /// Whether sound with at most the amplitude `bound` in a band changes no level by more than [`UNHEARD`], as energy or by
+    /// interference.
+    pub(super) fn drowns_in(&self, band: usize, spectrum: &Spectrum, length_m: f64, bound: f64) -> bool {
         let apart_m = self.lengths_m.iter().map(|m| (m - length_m).abs()).fold(f64::INFINITY, f64::min);
-        pair.spectra.iter().zip(&self.strongest).all(|(spectrum, strongest)| {
-            let ratio = bound * (self.low_k / spectrum.low_k()).sqrt() / strongest;
-            // The mean of a cosine over the band.
-            let mean = (2.0 / ((spectrum.high_k() - spectrum.low_k()) * apart_m)).min(1.0);
-            ratio * ratio + 2.0 * ratio * mean < UNHEARD
-        })
+        let ratio = bound / self.strongest[band];
+        // The mean of a cosine over the band.
+        let mean = (2.0 / ((spectrum.high_k() - spectrum.low_k()) * apart_m)).min(1.0);
+        ratio * ratio + 2.0 * ratio * mean < UNHEARD
     }
 
     /// Far from its boundaries an edge sends amplitudes like 1/sqrt(k), on them all alike.

@@ -135,22 +135,18 @@ pub(super) fn tables(verified: &Verified) -> String {
 
     let Some(standard) = verified.standard() else { return text };
     let others = || verified.methods.iter().filter(|m| m.name != standard.name && m.name != "geometric");
-    // The paraxial form is of interest for its errors only.
-    let timed = |name: &str| name != "paraxial";
-    let heads =
-        |name: &str| std::iter::once(name.to_owned()).chain(timed(name).then(|| "time".to_owned())).collect::<Vec<_>>();
+    // The paraxial form stands in the other tables; here there is no room for it.
+    let timed = || others().filter(|m| m.name != "paraxial");
     let names = ["case", "wbsdf", "time", "set-up"].into_iter().map(str::to_owned);
-    let mut cases = table(names.chain(others().flat_map(|m| heads(m.name))).collect(), 1);
+    let heads = timed().flat_map(|m| [m.name.to_owned(), "time".to_owned()]);
+    let mut cases = table(names.chain(heads).collect(), 1);
     for kind in verified.kinds() {
         let time_of = |m: &Method| time(Verified::time_per_level_s(verified.trials_of(m).filter(|t| t.kind() == kind)));
         let of = |m: &Method| verified.errors(m, |e| e.trial.kind() == kind);
         let set_up = time(Verified::set_up_s(verified.trials_of(standard).filter(|t| t.kind() == kind)));
         let own = [case_name(kind), high(of(standard)), time_of(standard), set_up];
-        let other = |m: &Method| {
-            let p90 = of(m).map_or("–".to_owned(), |q| error(q.p90_db));
-            std::iter::once(p90).chain(timed(m.name).then(|| time_of(m))).collect::<Vec<_>>()
-        };
-        cases.add_row(own.into_iter().chain(others().flat_map(other)));
+        let other = |m: &Method| [of(m).map_or("–".to_owned(), |q| error(q.p90_db)), time_of(m)];
+        cases.add_row(own.into_iter().chain(timed().flat_map(other)));
     }
     add("By case: 90th percentile / max of wbsdf, 90th percentile of the others, time per level", cases);
 

@@ -18,7 +18,7 @@ use super::wedge::Wave;
 const STEP: f64 = 0.5 * LN_2;
 /// First node relative to the shortest length on which the integrand changes; what lies before it is proportional to
 /// exp(t) within the square of this.
-const FIRST: f64 = 0.02;
+const FIRST: f64 = 0.01;
 /// Power of 2 that is k s of the last node at the lowest wave number: exp(-16) = 1e-7.
 const LAST: i32 = 4;
 /// Half octaves of k s in the table of exponentials: below the first one the exponential is 1 within 1e-9, above the last it
@@ -78,6 +78,7 @@ impl Branch {
     fn tabulate(&mut self, wave: Wave, low_k: f64, first: i32, count: usize) {
         let [least, most] = HALF_OCTAVES;
         let mut sums = vec![[0.0; 6]; count];
+        let ks: Vec<f64> = (0..count).map(|j| low_k * (0.5 * j as f64).exp2()).collect();
         for (i, node) in (first..).zip(&self.nodes) {
             let weights = node.weights.map(|w| [w.re, w.im]);
             let weights = weights.as_flattened();
@@ -87,8 +88,7 @@ impl Branch {
                 let n = (2 * i + j as i32).max(least) - least;
                 let decay = DECAYS[n as usize];
                 if wave == Wave::Line {
-                    let k = low_k * (0.5 * j as f64).exp2();
-                    let decay = decay * self.hankel(wave, k, node.s_m);
+                    let decay = decay * self.hankel(wave, ks[j], node.s_m);
                     for (sum, w) in sum.chunks_exact_mut(2).zip(node.weights) {
                         sum[0] += w.re * decay.re - w.im * decay.im;
                         sum[1] += w.re * decay.im + w.im * decay.re;
@@ -183,6 +183,17 @@ pub(super) struct Integrand {
 }
 
 impl Integrand {
+    /// Upper bound of the amplitude at wave number `k` that the branch from `eta` > 0 on sends, `factor` as in
+    /// [`Integrand::branch`]: the integrand only falls on the path of steepest descent.
+    pub(super) fn bound(&self, eta: f64, factor: f64, k: f64) -> f64 {
+        let [r, r_s] = self.radii_m;
+        let cosh = (self.nu * eta).cosh();
+        // cos(nu phi) = 1 - 2 sin^2(nu phi/2)
+        let beta = |n: usize| self.sines[n].abs() / (cosh - 1.0 + 2.0 * self.halves[n] * self.halves[n]);
+        let sum: f64 = (0..4).filter(|n| self.felt[*n]).map(beta).sum();
+        factor.abs() * self.nu / PI * sum / (k * r * r_s * eta.sinh())
+    }
+
     /// The branch that starts at `eta` >= 0, where the way is `length_m` long; `factor`: of all weights.
     pub(super) fn branch(&self, eta: f64, length_m: f64, factor: f64, spectrum: &Spectrum) -> Branch {
         let rising =

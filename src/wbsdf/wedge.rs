@@ -152,10 +152,13 @@ impl WedgeField {
                 // What lies beyond the far end is missing; an end on this side of the shortest way is the near limit.
                 let sign = if eta * outwards > 0.0 { -0.5 } else { 0.5 };
                 let length_m = ends_m[end].hypot(r_s) + (ends_m[end] - dz).hypot(r);
-                let branch = integrand.branch(eta.abs(), length_m, sign, spectrum);
                 // Ends send less the shorter the wave, and less than the edge itself.
-                let feeble = |main: &Branch| branch.amplitude() < FEEBLE * main.amplitude();
-                if !(over_edge && branches.first().is_some_and(feeble)) {
+                let audible = if over_edge { FEEBLE * branches.first().map_or(0.0, Branch::amplitude) } else { 0.0 };
+                if integrand.bound(eta.abs(), sign, spectrum.low_k()) < audible {
+                    continue;
+                }
+                let branch = integrand.branch(eta.abs(), length_m, sign, spectrum);
+                if branch.amplitude() >= audible {
                     branches.push(branch);
                 }
             }
@@ -381,6 +384,33 @@ mod tests {
                 let (before, on, after) = (at(boundary - 1e-6), at(boundary), at(boundary + 1e-6));
                 assert!((after / before - 1.0).abs() < 2e-5, "{wave:?} {boundary}: {before} {on} {after}");
                 assert!((on / before - 1.0).abs() < 2e-5, "{wave:?} {boundary}: {before} {on} {after}");
+            }
+        }
+    }
+
+    #[test]
+    fn between_the_tabulated_wave_numbers_the_field_is_the_sum_over_the_nodes() {
+        let octaves = Spectrum { low_hz: 44.2, high_hz: 11_314.0, speed_m_s: 343.0 };
+        for wave in [Wave::Point(0.4), Wave::Line, Wave::Plane] {
+            let r_m = if wave == Wave::Plane { f64::INFINITY } else { 0.6 };
+            // In the deep shadow, near the shadow boundary, near the reflection boundary, at a face.
+            for (exterior, phi) in [(1.5, 4.6), (2.0, 0.7 + PI + 1e-3), (1.9, PI - 0.7 + 1e-2), (1.7, 5.34)] {
+                let (source, receiver) = (AboutEdge { r_m, phi: 0.7 }, AboutEdge { r_m: 2.0, phi });
+                let field = WedgeField::new(exterior * PI, source, receiver, wave, &octaves);
+                let free = field.amplitude(field.over_m(), 1.0).norm();
+                for i in 0..=200 {
+                    let k = octaves.low_k() * 256_f64.powf(f64::from(i) / 200.0);
+                    let between = Between::new(&octaves, k);
+                    assert!(between.is_some());
+                    let [got, exact] = [field.over_way(0, k, between.as_ref()), field.over_way(0, k, None)]
+                        .map(|terms| terms.iter().sum::<Complex64>());
+                    // Six neighbours half an octave apart; both ends of the table are worst.
+                    assert!(
+                        (got - exact).norm() < 4e-5 * exact.norm() + 1e-7 * free,
+                        "{wave:?} {phi} {k}: {got} {exact}"
+                    );
+                }
+                assert!(Between::new(&octaves, 0.9 * octaves.low_k()).is_none());
             }
         }
     }
