@@ -139,7 +139,14 @@ impl View<'_> {
     }
 
     /// The edges that count on the side `sign` between the opening and an image.
-    fn side<'p>(&self, pair: &'p Pair<'_>, tree: &'p ImageTree, image: usize, sign: f64) -> Option<(Side<'p>, Vec<&'p Edge>)> {
+    fn side<'p>(
+        &self,
+        pair: &'p Pair<'_>,
+        tree: &'p ImageTree,
+        image: usize,
+        sign: f64,
+        y_m: f64,
+    ) -> Option<(Side<'p>, Vec<&'p Edge>)> {
         let (end, z) = self.end(tree.images[image].origin)?;
         let places = self.places(sign);
         let middle = places[places.len() / 2];
@@ -156,6 +163,7 @@ impl View<'_> {
             factors: Vec::new(),
         };
         let mut edges = Vec::new();
+        let mut lit = None;
         for edge in &pair.geometry.edges {
             let Some(corner) = self.corner(edge) else { continue };
             let height = corner.at.y * sign - self.half_m();
@@ -188,8 +196,14 @@ impl View<'_> {
                 (false, _) => bend.span(*at) >= PI,
                 (true, first) => !reflects(at, usize::from(!first)),
             };
-            let detour = |at: &DVec2| if hides(at) { 0.0 } else { (bend.length_m(*at) - end.length_m(*at)).max(0.0) };
-            let detour_m = places.iter().map(detour).fold(f64::INFINITY, f64::min);
+            // An edge beyond which the end is in sight all the same, as the far end of a wall, hides nothing.
+            let longer = |at: &DVec2| (bend.length_m(*at) - end.length_m(*at)).max(0.0);
+            let own_m = places.iter().filter(|at| !hides(at)).map(longer).fold(f64::INFINITY, f64::min);
+            let over_m = places.iter().filter(|at| hides(at)).map(longer).fold(f64::INFINITY, f64::min);
+            let detour_m = match over_m.is_finite() {
+                true if !*lit.get_or_insert_with(|| side.is_seen(self, pair, &places, y_m)) => 0.0,
+                _ => own_m.min(over_m),
+            };
             bend.parts = match (on_face, border) {
                 // In the plane of a face direct sound and reflection are one.
                 (_, true) => [!on_face, false, false],
@@ -221,16 +235,27 @@ impl View<'_> {
         {
             return None;
         }
-        let (mut before, first) = self.side(pair, source, s, signs[0])?;
-        let (mut behind, second) = self.side(pair, probe, p, signs[1])?;
+        let Origin::At(receiver) = probe.images[p].origin else { return None };
+        let receiver = self.frame.local(receiver);
+        // About where the way passes the opening.
+        let about_y = match source.images[s].origin {
+            Origin::At(from) => {
+                let from = self.frame.local(from);
+                from.y + (receiver.y - from.y) * from.z.abs() / (from.z.abs() + receiver.z.abs())
+            }
+            Origin::Along(_) => receiver.y,
+        };
+        let inset = 1e-6;
+        let within = |y: f64| y.max(self.along_m[0] + inset).min(self.along_m[1] - inset);
+        let (mut before, first) = self.side(pair, source, s, signs[0], within(about_y))?;
+        let (mut behind, second) = self.side(pair, probe, p, signs[1], within(about_y))?;
         if first.is_empty() && second.is_empty() {
             return None;
         }
-        let Origin::At(receiver) = probe.images[p].origin else { return None };
-        let receiver = self.frame.local(receiver);
         let to = DVec2::new(receiver.x, receiver.z);
         let places = [self.places(signs[0]), self.places(signs[1])];
-        let ways = places[0].iter().zip(&places[1]).map(|(a, b)| (before.flank.length_m(*a), behind.flank.length_m(*b), *a));
+        let ways =
+            places[0].iter().zip(&places[1]).map(|(a, b)| (before.flank.length_m(*a), behind.flank.length_m(*b), *a));
         let (into_m, out_m, at) = ways.min_by(|a, b| (a.0 + a.1).total_cmp(&(b.0 + b.1)))?;
         let over_m = into_m + out_m;
         let (dy_m, sin_beta, slope, wave, straight_m) = match (before.flank.end, kind) {
@@ -246,8 +271,7 @@ impl View<'_> {
                 (dy, over_m / over_m.hypot(dy), dy / over_m, wedge::Wave::Line, from.distance(to))
             }
         };
-        let inset = 1e-6;
-        let middle_y = (receiver.y - slope * out_m).max(self.along_m[0] + inset).min(self.along_m[1] - inset);
+        let middle_y = within(receiver.y - slope * out_m);
         let middle = DVec3::new(at.x, middle_y, 0.0);
         before.y_m = middle_y - slope * into_m;
         behind.y_m = receiver.y;
@@ -258,7 +282,7 @@ impl View<'_> {
             return None;
         }
         // Over an edge, through the opening and over another edge: three in a row.
-        let hidden = |side: &Side<'_>| side.detours_m.contains(&0.0) && !side.sees(self, pair, &middle);
+        let hidden = |side: &Side<'_>| side.detours_m.contains(&0.0);
         if scene.simulation.diffraction_order < 3 && hidden(&before) && hidden(&behind) {
             return None;
         }
@@ -297,13 +321,23 @@ impl Side<'_> {
         self.apexes = kept.iter().map(|(n, at)| Apex { at: *at, image: self.apexes[*n].image }).collect();
     }
 
-    fn sees(&self, view: &View<'_>, pair: &Pair<'_>, middle: &DVec3) -> bool {
-        let from = view.frame.point(middle.x, middle.y) + view.frame.normal * (view.half_m() * self.sign);
-        self.faces && self.tree.arrive(pair.scene, pair.geometry, self.image, from, view.skip).is_some()
+    /// Whether the end is in sight of some of the places of the opening.
+    fn is_seen(&self, view: &View<'_>, pair: &Pair<'_>, places: &[DVec2], y_m: f64) -> bool {
+        self.faces
+            && places.iter().step_by(PLACES / 8).any(|at| {
+                let from = view.frame.point(at.x, y_m) + view.frame.normal * at.y;
+                self.tree.arrive(pair.scene, pair.geometry, self.image, from, view.skip).is_some()
+            })
     }
 
     /// What the places of the opening see, and the factors of the chain.
-    fn sights(&self, view: &View<'_>, pair: &Pair<'_>, places: impl Iterator<Item = DVec2>, y: f64) -> (Vec<Sight>, Option<Vec<f64>>) {
+    fn sights(
+        &self,
+        view: &View<'_>,
+        pair: &Pair<'_>,
+        places: impl Iterator<Item = DVec2>,
+        y: f64,
+    ) -> (Vec<Sight>, Option<Vec<f64>>) {
         let mut factors = (!self.factors.is_empty()).then(|| self.factors.clone());
         let sight = |at: DVec2| {
             let from = view.frame.point(at.x, y) + view.frame.normal * at.y;
@@ -338,7 +372,9 @@ impl Flanked<'_, '_> {
     pub(super) fn length_m(&self) -> f64 {
         match self.pair.source.images[self.sides[0].image].origin {
             Origin::Along(d) => {
-                self.view.frame.origin_m.dot(d) + self.middle.y * self.view.frame.turn(d).y + self.over_m * self.sin_beta
+                self.view.frame.origin_m.dot(d)
+                    + self.middle.y * self.view.frame.turn(d).y
+                    + self.over_m * self.sin_beta
                     + (self.sides[1].y_m - self.middle.y) * self.view.frame.turn(d).y
             }
             Origin::At(_) => self.over_m.hypot(self.dy_m),
@@ -356,7 +392,8 @@ impl Flanked<'_, '_> {
         })?;
         let signs = [0, 1].map(|n| self.sides[n].sign);
         if plain {
-            let open = |n: usize| apertures.places(signs[n]).map(|_| Sight { direct: true, bends: Vec::new() }).collect();
+            let open =
+                |n: usize| apertures.places(signs[n]).map(|_| Sight { direct: true, bends: Vec::new() }).collect();
             let sights: [Vec<Sight>; 2] = [open(0), open(1)];
             let flanks = [0, 1].map(|n| Flank { end: self.plain_end(n), bends: Vec::new() });
             return Some((apertures.field([&flanks[0], &flanks[1]], signs, [&sights[0], &sights[1]]), Vec::new()));
@@ -428,7 +465,8 @@ impl Flanked<'_, '_> {
         let point = self.wave == wedge::Wave::Line && !matches!(self.pair.kind, SourceKind::Line(_));
         let detour_m = self.sides.iter().flat_map(|side| &side.detours_m).fold(0.0_f64, |a, d| a.max(*d));
         let ends: Vec<f64> = self.view.across.openings().iter().flatten().copied().collect();
-        let span_m = ends.iter().fold(f64::NEG_INFINITY, |a, x| a.max(*x)) - ends.iter().fold(f64::INFINITY, |a, x| a.min(*x));
+        let span_m =
+            ends.iter().fold(f64::NEG_INFINITY, |a, x| a.max(*x)) - ends.iter().fold(f64::INFINITY, |a, x| a.min(*x));
         let (scale, turn) = if point { (over_m.sqrt() / space, FRAC_PI_4) } else { (1.0, 0.0) };
         Wave {
             length_m,

@@ -110,10 +110,8 @@ impl Gap {
                 paths = rectangles.paths(self, pair, waves);
                 if rigid && *pair.kind == SourceKind::Point {
                     let [x, y] = rectangles.masks();
-                    let views = [
-                        view(x, span(y), rectangles.depth_m(), false),
-                        view(y, span(x), rectangles.depth_m(), true),
-                    ];
+                    let views =
+                        [view(x, span(y), rectangles.depth_m(), false), view(y, span(x), rectangles.depth_m(), true)];
                     for view in views {
                         let turned = view.turned;
                         let whole = |band: usize, ends: [DVec3; 2]| {

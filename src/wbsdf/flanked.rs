@@ -124,8 +124,7 @@ impl Known {
         let seen = flank.bends.iter().zip(&sight.bends).filter(|(_, seen)| **seen);
         let bends = seen.map(|(bend, _)| {
             let to = bend.corner.about(at);
-            let field =
-                WedgeField::new(bend.corner.exterior_angle, bend.end.about(&bend.corner), to, wave, spectrum);
+            let field = WedgeField::new(bend.corner.exterior_angle, bend.end.about(&bend.corner), to, wave, spectrum);
             let [missing, _] = field.missing([sight.direct, false]);
             (field, bend.parts, bend.length_m(at), missing)
         });
@@ -242,7 +241,8 @@ impl FlankedField {
                 return value(n);
             }
             // Barycentric weights of any nodes, scaled so that they do not overflow.
-            let others = (0..count).filter(|m| *m != n).map(|m| 4.0 * (self.nodes[n].0 - self.nodes[m].0) / (high - low));
+            let others =
+                (0..count).filter(|m| *m != n).map(|m| 4.0 * (self.nodes[n].0 - self.nodes[m].0) / (high - low));
             let weight = 1.0 / (others.product::<f64>() * apart);
             sum += weight * value(n);
             total += weight;
