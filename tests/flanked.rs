@@ -2,6 +2,9 @@
 
 mod reference;
 
+use diffray::geometry::Geometry;
+use diffray::paths;
+use diffray::scene::Scene;
 use reference::{Errors, Row, SCREEN, head, level, probe, slit, source, table};
 
 fn wall(name: &str, edge: [f64; 2], degrees: f64) -> String {
@@ -33,35 +36,25 @@ fn errors(case: &str, options: &str) -> Errors {
     let mut errors = Errors::default();
     for row in table("flanked").iter().filter(|row| row.text("case") == case) {
         let got = level(&room(row, options));
-        println!(
-            "{case} {} {} {} Hz ({}, {}): {got:.3} {}",
-            row.text("low_m"),
-            row.text("solid_deg"),
-            row.text("band_hz"),
-            row.text("x_m"),
-            row.text("y_m"),
-            row.text("level_db")
-        );
+        let [low, hz, x, y] = ["low_m", "band_hz", "x_m", "y_m"].map(|column| row.text(column));
+        println!("{case} from {low} m, {hz} Hz, ({x}, {y}): {got:.3} {}", row.text("level_db"));
         errors.add(got, row.number("level_db"));
     }
     errors
 }
 
-#[test]
-fn a_slit_and_then_a_wedge_are_exact_but_for_what_the_screen_sends_back() {
-    errors("alone", "reflection_order = 0\n").assert_within("alone", [0.02, 0.1, 0.2]);
-}
-
+// The tables hold reflections between edge and screen, too: all paths with up to two of them, as pressures.
 const TOGETHER: &str = "reflection_order = 2\ninterference = true\n";
 
 #[test]
-fn levels_behind_a_slit_and_a_half_plane_are_right_within_a_decibel() {
-    errors("half-plane", TOGETHER).assert_within("half-plane", [0.3, 1.0, 1.5]);
+fn levels_behind_a_slit_and_a_half_plane_are_exact_within_a_tenth_of_a_decibel() {
+    errors("half-plane", TOGETHER).assert_within("half-plane", [0.01, 0.05, 0.1]);
 }
 
 #[test]
 fn levels_behind_a_slit_and_a_wedge_are_right_within_a_decibel() {
-    errors("wedge", TOGETHER).assert_within("wedge", [0.3, 1.0, 1.5]);
+    // Left out: waves that run between the sloping face and the screen more than twice, at 125 Hz over a fraction of a wavelength.
+    errors("wedge", TOGETHER).assert_within("wedge", [0.07, 0.47, 1.0]);
 }
 
 fn past(kind: &str, opening: &str, band_hz: f64, from: [f64; 3], to: [f64; 3]) -> f64 {
@@ -71,7 +64,10 @@ fn past(kind: &str, opening: &str, band_hz: f64, from: [f64; 3], to: [f64; 3]) -
         + &wall("screen 2", [0.5, 0.8], 90.0)
         + &source(kind, from, [0.0, 0.0, 1.0])
         + &probe("p", to);
-    level(&(room + "[simulation]\nmax_rays = 0\nreflection_order = 0\n"))
+    let loaded = Scene::from_str(&(room + "[simulation]\nreflection_order = 0\n"), "room.toml", &[]).unwrap();
+    let geometry = Geometry::new(&loaded.scene).unwrap();
+    // Without the traced rays, which bring what is reflected.
+    10.0 * paths::find(&loaded.scene, &geometry, 0)[0].intensity[0].log10()
 }
 
 const DOOR: &str = "[[opening]]\nname = \"door\"\nwall = \"screen\"\nx_m = [-0.4, 0.3]\ny_m = [-1.0, 1.0]\n";
@@ -83,14 +79,14 @@ fn levels_are_continuous_where_the_edge_hides_the_opening() {
     {
         for band_hz in [63.0, 500.0, 2000.0] {
             let at = |x: f64| past(kind, &opening, band_hz, [-0.5, -2.0, 0.0], [x, 2.2, 0.7]);
-            // The receiver passes from full sight of the opening into the shadow of all of it.
-            let levels: Vec<f64> = (0..60).map(|n| at(0.3 + 0.035 * f64::from(n))).collect();
+            // The receiver passes from the shadow of all of the opening into full sight of it.
+            let levels: Vec<f64> = (0..60).map(|n| at(0.52 + 0.035 * f64::from(n))).collect();
             for three in levels.windows(3) {
                 // Second differences of steps of 35 mm: the level bends, but has no steps.
                 let step = (three[0] - 2.0 * three[1] + three[2]).abs();
-                assert!(step < 0.5, "{kind} {band_hz} Hz: {three:?} of {levels:?}");
+                assert!(step < 0.1, "{kind} {band_hz} Hz: {three:?} of {levels:?}");
             }
-            for x in [0.5, 0.675, 0.85, 1.2, 1.9] {
+            for x in [0.7, 0.85, 1.2, 1.9, 2.075] {
                 let (before, behind) = (at(x - 5e-4), at(x + 5e-4));
                 assert!((before - behind).abs() < 0.1, "{kind} {band_hz} Hz {x}: {before} {behind}");
             }
@@ -103,7 +99,7 @@ fn an_edge_before_the_opening_is_one_behind_it_seen_the_other_way() {
     for (kind, opening) in
         [("line", slit("slit", -0.4, 0.3)), ("point", slit("slit", -0.4, 0.3)), ("point", DOOR.to_owned())]
     {
-        for (band_hz, far) in [(125.0, [1.5, 2.0, 0.4]), (1000.0, [1.5, 2.0, 0.4]), (500.0, [0.3, 2.0, 0.4])] {
+        for (band_hz, far) in [(125.0, [1.5, 2.0, 0.4]), (1000.0, [1.5, 2.0, 0.4]), (500.0, [0.9, 1.2, 0.4])] {
             let near = [-0.5, -2.0, -0.3];
             let (there, back) = (past(kind, &opening, band_hz, near, far), past(kind, &opening, band_hz, far, near));
             // Rounding, and for doors sines of the angle in steps.

@@ -145,6 +145,7 @@ impl View<'_> {
         tree: &'p ImageTree,
         image: usize,
         sign: f64,
+        y_m: f64,
     ) -> Option<(Side<'p>, Vec<&'p Edge>)> {
         let (end, z) = self.end(tree.images[image].origin)?;
         let places = self.places(sign);
@@ -162,6 +163,7 @@ impl View<'_> {
             factors: Vec::new(),
         };
         let mut edges = Vec::new();
+        let mut lit = None;
         for edge in &pair.geometry.edges {
             let Some(corner) = self.corner(edge) else { continue };
             let height = corner.at.y * sign - self.half_m();
@@ -194,8 +196,14 @@ impl View<'_> {
                 (false, _) => bend.span(*at) >= PI,
                 (true, first) => !reflects(at, usize::from(!first)),
             };
-            let detour = |at: &DVec2| if hides(at) { 0.0 } else { (bend.length_m(*at) - end.length_m(*at)).max(0.0) };
-            let detour_m = places.iter().map(detour).fold(f64::INFINITY, f64::min);
+            // An edge beyond which the end is in sight all the same, as the far end of a wall, hides nothing.
+            let longer = |at: &DVec2| (bend.length_m(*at) - end.length_m(*at)).max(0.0);
+            let own_m = places.iter().filter(|at| !hides(at)).map(longer).fold(f64::INFINITY, f64::min);
+            let over_m = places.iter().filter(|at| hides(at)).map(longer).fold(f64::INFINITY, f64::min);
+            let detour_m = match over_m.is_finite() {
+                true if !*lit.get_or_insert_with(|| side.is_seen(self, pair, &places, y_m)) => 0.0,
+                _ => own_m.min(over_m),
+            };
             bend.parts = match (on_face, border) {
                 // In the plane of a face direct sound and reflection are one.
                 (_, true) => [!on_face, false, false],
@@ -227,13 +235,23 @@ impl View<'_> {
         {
             return None;
         }
-        let (mut before, first) = self.side(pair, source, s, signs[0])?;
-        let (mut behind, second) = self.side(pair, probe, p, signs[1])?;
+        let Origin::At(receiver) = probe.images[p].origin else { return None };
+        let receiver = self.frame.local(receiver);
+        // About where the way passes the opening.
+        let about_y = match source.images[s].origin {
+            Origin::At(from) => {
+                let from = self.frame.local(from);
+                from.y + (receiver.y - from.y) * from.z.abs() / (from.z.abs() + receiver.z.abs())
+            }
+            Origin::Along(_) => receiver.y,
+        };
+        let inset = 1e-6;
+        let within = |y: f64| y.max(self.along_m[0] + inset).min(self.along_m[1] - inset);
+        let (mut before, first) = self.side(pair, source, s, signs[0], within(about_y))?;
+        let (mut behind, second) = self.side(pair, probe, p, signs[1], within(about_y))?;
         if first.is_empty() && second.is_empty() {
             return None;
         }
-        let Origin::At(receiver) = probe.images[p].origin else { return None };
-        let receiver = self.frame.local(receiver);
         let to = DVec2::new(receiver.x, receiver.z);
         let places = [self.places(signs[0]), self.places(signs[1])];
         let ways =
@@ -253,8 +271,7 @@ impl View<'_> {
                 (dy, over_m / over_m.hypot(dy), dy / over_m, wedge::Wave::Line, from.distance(to))
             }
         };
-        let inset = 1e-6;
-        let middle_y = (receiver.y - slope * out_m).max(self.along_m[0] + inset).min(self.along_m[1] - inset);
+        let middle_y = within(receiver.y - slope * out_m);
         let middle = DVec3::new(at.x, middle_y, 0.0);
         before.y_m = middle_y - slope * into_m;
         behind.y_m = receiver.y;
@@ -265,7 +282,7 @@ impl View<'_> {
             return None;
         }
         // Over an edge, through the opening and over another edge: three in a row.
-        let hidden = |side: &Side<'_>| side.detours_m.contains(&0.0) && !side.sees(self, pair, &middle);
+        let hidden = |side: &Side<'_>| side.detours_m.contains(&0.0);
         if scene.simulation.diffraction_order < 3 && hidden(&before) && hidden(&behind) {
             return None;
         }
@@ -304,9 +321,13 @@ impl Side<'_> {
         self.apexes = kept.iter().map(|(n, at)| Apex { at: *at, image: self.apexes[*n].image }).collect();
     }
 
-    fn sees(&self, view: &View<'_>, pair: &Pair<'_>, middle: &DVec3) -> bool {
-        let from = view.frame.point(middle.x, middle.y) + view.frame.normal * (view.half_m() * self.sign);
-        self.faces && self.tree.arrive(pair.scene, pair.geometry, self.image, from, view.skip).is_some()
+    /// Whether the end is in sight of some of the places of the opening.
+    fn is_seen(&self, view: &View<'_>, pair: &Pair<'_>, places: &[DVec2], y_m: f64) -> bool {
+        self.faces
+            && places.iter().step_by(PLACES / 8).any(|at| {
+                let from = view.frame.point(at.x, y_m) + view.frame.normal * at.y;
+                self.tree.arrive(pair.scene, pair.geometry, self.image, from, view.skip).is_some()
+            })
     }
 
     /// What the places of the opening see, and the factors of the chain.
