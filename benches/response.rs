@@ -35,7 +35,12 @@ fn reception(bands: &[Band]) -> Reception {
         })
         .collect();
     let bins: Vec<f64> = (0..300).map(|i| 1e-3 * (-13.8 * 0.005 * f64::from(i) / 1.2).exp()).collect();
-    let echogram = Echogram { bin_s: 0.005, bin_error: Vec::new(), energy: vec![bins; bands.len()], std_error: vec![0.0; bands.len()] };
+    let echogram = Echogram {
+        bin_s: 0.005,
+        bin_error: Vec::new(),
+        energy: vec![bins; bands.len()],
+        std_error: vec![0.0; bands.len()],
+    };
     let level = |(b, band): (usize, &Band)| {
         let early: f64 = paths.iter().map(|p| p.intensity[b]).sum();
         let intensity = early + echogram.energy[b].iter().sum::<f64>();

@@ -70,7 +70,12 @@ fn reception(source: &str, probe: &str, std_error_db: f64, db: impl Fn(usize) ->
         source: source.into(),
         probe: probe.into(),
         paths: vec![path("door", 0, 0.2), path("floor, door", 1, 0.1)],
-        echogram: Some(Echogram { bin_s: 0.001, bin_error: Vec::new(), energy: vec![vec![0.0]; 8], std_error: vec![0.0; 8] }),
+        echogram: Some(Echogram {
+            bin_s: 0.001,
+            bin_error: Vec::new(),
+            energy: vec![vec![0.0]; 8],
+            std_error: vec![0.0; 8],
+        }),
         levels,
     }
 }

@@ -277,7 +277,8 @@ fn negative_bins_keep_the_band_energy() {
 #[test]
 fn nothing_precedes_the_first_arrival_and_the_late_part_follows_its_echogram() {
     let bands = octaves(63.0, 8000.0);
-    let mut late = Echogram { bin_s: 0.005, bin_error: Vec::new(), energy: vec![vec![0.0; 100]; 8], std_error: vec![0.0; 8] };
+    let mut late =
+        Echogram { bin_s: 0.005, bin_error: Vec::new(), energy: vec![vec![0.0; 100]; 8], std_error: vec![0.0; 8] };
     late.energy.iter_mut().for_each(|bins| bins[20..40].fill(0.001));
     let reception = reception(&bands, vec![], Some(late));
     let response = rendered(&reception, &bands, &OPTIONS);
@@ -320,7 +321,10 @@ fn the_same_seed_gives_the_same_samples_and_names_and_seeds_change_only_the_nois
 #[test]
 fn silence_is_a_valid_response() {
     let bands = octaves(63.0, 8000.0);
-    for late in [None, Some(Echogram { bin_s: 0.01, bin_error: Vec::new(), energy: vec![vec![0.0; 10]; 8], std_error: vec![0.0; 8] })] {
+    for late in [
+        None,
+        Some(Echogram { bin_s: 0.01, bin_error: Vec::new(), energy: vec![vec![0.0; 10]; 8], std_error: vec![0.0; 8] }),
+    ] {
         let reception = reception(&bands, vec![], late);
         let response = rendered(&reception, &bands, &OPTIONS);
         assert!(!response.samples.is_empty() && response.samples.iter().all(|s| *s == 0.0));
