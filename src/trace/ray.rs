@@ -33,6 +33,9 @@ const SPLIT_BUDGET: f64 = 16.0;
 /// Rays into which one of full strength is split when it first passes a portal.
 const PORTAL_PARTS: f64 = 6.0;
 
+/// Most copies that a ray whose weight has grown in a crossing is split into at once.
+const MOST_COPIES: f32 = 64.0;
+
 /// Walls a ray remembers having passed. A second passage of the same wall (the way back) is sampled with its
 /// true probability instead of being forced.
 const REMEMBERED_GROUPS: usize = 4;
@@ -66,7 +69,7 @@ pub(super) struct Ray<const N: usize> {
     ratio: Lanes<N>,
     /// Mean weight at the start of this branch.
     reference: f32,
-    /// Probability with which the roulette has let this branch come so far.
+    /// Probability with which the roulette has let this branch come so far, times the copies it was split into.
     kept: f32,
     skip: Skip,
     last: Last,
@@ -534,7 +537,12 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             self.tally.accounts.book_gain(Account::Portals, &ray.weights, &child.weights);
             child.direction = (frame.x * out.x + frame.y * out.y + frame.normal * (out.z * sign)).normalize();
             child.last = Last::Portal(portal);
-            self.pending.push(child);
+            // Crossing by crossing the weight of a few rays would grow without bound: above twice the weight its branch began
+            // with a ray goes on as several.
+            let copies = (mean(&child.weights) / child.reference).floor().clamp(1.0, MOST_COPIES);
+            child.weights.iter_mut().for_each(|w| *w /= copies);
+            child.kept *= copies;
+            self.pending.extend(std::iter::repeat_n(child, copies as usize));
         }
     }
 
