@@ -3,7 +3,7 @@
 
 use diffray::probe::{BandLevel, EarlyPath, Echogram, Reception};
 use diffray::response::{RenderOptions, metrics, render};
-use diffray::scene::Band;
+use diffray::scene::{Band, ProbeFormat};
 use divan::{Bencher, black_box};
 
 /// Bands an octave.
@@ -61,7 +61,7 @@ fn reception(bands: &[Band]) -> Reception {
 fn rendering(bencher: Bencher, per_octave: i32) {
     let bands = bands(per_octave);
     let reception = reception(&bands);
-    let options = RenderOptions { sample_rate_hz: 48_000, length_s: Some(1.5), seed: 1 };
+    let options = RenderOptions { sample_rate_hz: 48_000, length_s: Some(1.5), seed: 1, format: ProbeFormat::Omni };
     bencher.bench(|| render(black_box(&reception), &bands, &options));
 }
 

@@ -30,7 +30,11 @@ pub(crate) enum Command {
     ///
     /// The parameter and its values come from the room file's [sweep], or from --set PATH=FROM:TO:STEP or
     /// --set PATH=V1,V2,...; other --set options change the room as usual.
-    Sweep(RunArgs),
+    Sweep(SweepArgs),
+    /// Hear a recording as it sounds in a room: convolves it with the impulse responses
+    ///
+    /// Writes listen/SOURCE-PROBE.wav; one gain for all keeps their loudness apart and is told.
+    Listen(ListenArgs),
     /// Show what will be modelled for a room, per portal and band, and why; runs nothing
     Plan(RoomArgs),
     /// Check a room file; runs nothing
@@ -84,6 +88,28 @@ pub(crate) struct RunArgs {
     /// No progress on the terminal
     #[arg(long, short)]
     pub(crate) quiet: bool,
+}
+
+/// A sweep, and what to hear of it.
+#[derive(Debug, Args)]
+pub(crate) struct SweepArgs {
+    /// The runs.
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    /// Write one WAV file a value as well: the recording as heard there, or the impulse response if none is given
+    #[arg(long, value_name = "DRY.wav", num_args = 0..=1, default_missing_value = "")]
+    pub(crate) listen: Option<PathBuf>,
+}
+
+/// A run and what to hear in it.
+#[derive(Debug, Args)]
+pub(crate) struct ListenArgs {
+    /// The run.
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    /// The recording without a room; a WAV file of any sample rate, its channels are mixed to one
+    #[arg(long, value_name = "DRY.wav")]
+    pub(crate) dry: PathBuf,
 }
 
 /// How much to verify and where the results go.

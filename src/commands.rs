@@ -1,5 +1,6 @@
 //! What each subcommand does: read the room, plan, run, write.
 
+mod listen;
 mod verify;
 
 use std::path::Path;
@@ -11,8 +12,8 @@ use diffray::error::{Error, Result, Warning};
 use diffray::geometry::Geometry;
 use diffray::plan::Plan;
 use diffray::report::{self, Folder, Pair, ReferenceCurve, Run, Series, Simulated, SweepValue, Swept};
-use diffray::response::{self, Metrics, RenderOptions};
-use diffray::scene::{Loaded, Override, Room, Scene, SourceKind, Sweep};
+use diffray::response::{self, Metrics, RenderOptions, Response};
+use diffray::scene::{Loaded, Override, ProbeFormat, Room, Scene, SourceKind, Sweep};
 use diffray::simulate::{self, Outcome};
 use diffray::sweep::{self, SweepPoint};
 use rayon::prelude::*;
@@ -24,7 +25,8 @@ use crate::progress::Bar;
 pub(crate) fn run(command: Command) -> Result<()> {
     match command {
         Command::Simulate(args) => simulate(&args),
-        Command::Sweep(args) => sweep(&args),
+        Command::Sweep(args) => sweep(&args.run, args.listen.as_deref()),
+        Command::Listen(args) => listen::run(&args),
         Command::Plan(args) => plan(&args),
         Command::Check(args) => check(&args),
         Command::Verify(args) => verify::run(&args),
@@ -134,19 +136,14 @@ fn simulate(args: &RunArgs) -> Result<()> {
 
 /// The impulse response and the metrics of every reception, and what to know about them.
 fn pairs(scene: &Scene, receptions: Vec<diffray::probe::Reception>) -> (Vec<Pair>, Vec<Warning>) {
-    let options = RenderOptions {
-        sample_rate_hz: scene.output.sample_rate_hz,
-        length_s: scene.output.response_length_s,
-        seed: scene.simulation.seed,
-    };
-    let pair = |reception| {
+    let pair = |reception: diffray::probe::Reception| {
         let mut metrics = response::metrics(&reception, &scene.bands);
         let point = scene.sources.iter().any(|s| s.name == reception.source && s.kind == SourceKind::Point);
         let strength = |metrics: &mut Vec<Metrics>| {
             metrics.iter_mut().filter(|_| !point).for_each(|m| m.g_db = None);
         };
         strength(&mut metrics);
-        match response::render(&reception, &scene.bands, &options) {
+        match rendered(scene, &reception) {
             Ok(response) => {
                 let warnings = response.warnings.clone();
                 let mut response_metrics = response::response_metrics(&reception, &response, &scene.bands);
@@ -174,6 +171,20 @@ fn pairs(scene: &Scene, receptions: Vec<diffray::probe::Reception>) -> (Vec<Pair
     (pairs, distinct)
 }
 
+/// The impulse response of a reception, as its probe records it.
+fn rendered(scene: &Scene, reception: &diffray::probe::Reception) -> std::result::Result<Response, Warning> {
+    let probe = scene.probes.iter().find(|p| p.name == reception.probe);
+    let options = RenderOptions {
+        sample_rate_hz: scene.output.sample_rate_hz,
+        length_s: scene.output.response_length_s,
+        seed: scene.simulation.seed,
+        format: probe.map_or(ProbeFormat::Omni, |p| p.format),
+    };
+    let mut response = response::render(reception, &scene.bands, &options)?;
+    response.title = format!("{}: {}", scene.name, response.title);
+    Ok(response)
+}
+
 /// Splits `--set` options into the one that gives the swept values, if any, and the others.
 fn swept_setting(set: &[String]) -> Result<(Option<Sweep>, Vec<String>)> {
     let is_sweep = |text: &String| {
@@ -191,7 +202,7 @@ fn swept_setting(set: &[String]) -> Result<(Option<Sweep>, Vec<String>)> {
     }
 }
 
-fn sweep(args: &RunArgs) -> Result<()> {
+fn sweep(args: &RunArgs, dry: Option<&Path>) -> Result<()> {
     let (swept, others) = swept_setting(&args.room.set)?;
     let overrides = overrides(&args.room, &others)?;
     let room = Room::read(&args.room.room)?;
@@ -248,8 +259,13 @@ fn sweep(args: &RunArgs) -> Result<()> {
             })
         })
         .collect::<Result<Vec<_>>>()?;
+    let heard = dry.map(|dry| listen::steps(&room, &overrides, &parameter, &points, dry)).transpose()?;
     let results = Swept { run, parameter, series: Series::collect(&at_each), references };
-    publish(&out, args.quiet, |folder| results.write(folder))?;
+    publish(&out, args.quiet, |folder| {
+        heard.iter().try_for_each(|heard| heard.write(folder, "listen/"))?;
+        results.write(folder)
+    })?;
+    heard.iter().try_for_each(|heard| cli::print(&heard.text()))?;
     cli::print(&report::rises_table(&results))
 }
 

@@ -147,6 +147,7 @@ impl Plan {
                 remedy: format!("reflection order {reflection_order} is used; traced rays carry the rest"),
             });
         }
+        warnings.extend(modes_warning(scene, geometry));
         let (traced, untraced_why) = trace_part(scene, geometry, reflection_order);
         Self {
             transport: scene.simulation.transport,
@@ -368,22 +369,32 @@ fn trace_part(scene: &Scene, geometry: &Geometry, order: usize) -> (Option<Trace
 
 /// The longest Eyring reverberation time in s of any source's or probe's room and band; `None` if none is closed.
 fn reverberation(scene: &Scene, geometry: &Geometry) -> Option<f64> {
+    closed_rooms(scene, geometry).map(|(seconds, _)| seconds).reduce(f64::max)
+}
+
+/// Longest Eyring reverberation time in s of any band, and volume in m^3, of each source's and probe's room if it is closed.
+fn closed_rooms(scene: &Scene, geometry: &Geometry) -> impl Iterator<Item = (f64, f64)> {
     let positions = scene.sources.iter().map(|s| s.position_m).chain(scene.probes.iter().map(|p| p.position_m));
-    positions
-        .filter_map(|p| geometry.enclosure(p, &scene.materials))
-        .flat_map(|room| {
-            let c = scene.air.speed_of_sound_m_s;
-            let decay = 24.0 * std::f64::consts::LN_10 / c;
-            room.absorption
-                .iter()
-                .zip(&scene.air.attenuation_per_m)
-                .map(|(a, m)| {
-                    let absorbed = -room.area_m2 * f64::ln(1.0 - a.min(0.999)) + 4.0 * m * room.volume_m3;
-                    decay * room.volume_m3 / absorbed.max(1e-9)
-                })
-                .collect::<Vec<_>>()
-        })
-        .reduce(f64::max)
+    positions.filter_map(|p| geometry.enclosure(p, &scene.materials)).filter_map(|room| {
+        let decay = 24.0 * std::f64::consts::LN_10 / scene.air.speed_of_sound_m_s;
+        let bands = room.absorption.iter().zip(&scene.air.attenuation_per_m);
+        let seconds = bands.map(|(a, m)| {
+            let absorbed = -room.area_m2 * f64::ln(1.0 - a.min(0.999)) + 4.0 * m * room.volume_m3;
+            decay * room.volume_m3 / absorbed.max(1e-9)
+        });
+        Some((seconds.reduce(f64::max)?, room.volume_m3))
+    })
+}
+
+/// Below 2000 sqrt(T/V) Hz (T in s, V in m^3; Schroeder 1962) a room answers with single modes.
+fn modes_warning(scene: &Scene, geometry: &Geometry) -> Option<Warning> {
+    let schroeder_hz =
+        closed_rooms(scene, geometry).map(|(t, volume)| 2000.0 * (t / volume).sqrt()).reduce(f64::max)?;
+    scene.bands.first().filter(|band| band.low_hz < schroeder_hz).map(|_| Warning {
+        observation: format!("below the Schroeder frequency of {schroeder_hz:.0} Hz the room has single modes, which are not modelled"),
+        remedy: "levels there are those of many rooms like this one; interference = true adds the first reflections as pressures"
+            .to_owned(),
+    })
 }
 
 /// Largest distance in m between a source and a probe.

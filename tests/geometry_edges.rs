@@ -5,7 +5,7 @@ mod geometry_scenes;
 use std::f64::consts::{PI, TAU};
 
 use diffray::geometry::{Edge, Geometry};
-use diffray::scene::{Directivity, Edges, Host, Probe, Scene, Source, SourceKind, Transport};
+use diffray::scene::{Directivity, Edges, Host, Probe, ProbeFormat, Scene, Source, SourceKind, Transport};
 use geometry_scenes::*;
 use glam::DVec3;
 
@@ -253,7 +253,7 @@ fn the_mouth_of_an_open_box_is_made_of_four_free_edges() {
     tunnel.faces[diffray::scene::Face::XMax as usize] = None;
     scene.boxes.push(tunnel);
     let mut scene = with_source(scene, v(1.0, 1.0, 1.0));
-    scene.probes.push(Probe { name: "p".into(), position_m: v(12.0, 1.0, 1.0) });
+    scene.probes.push(Probe { name: "p".into(), position_m: v(12.0, 1.0, 1.0), format: ProbeFormat::Omni });
     let found = edges(&scene);
     assert_eq!((found.len(), count(&found, TAU).0), (4, 4));
     assert!((count(&found, TAU).1 - 16.0).abs() < 1e-9);

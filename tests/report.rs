@@ -154,7 +154,13 @@ fn simulated() -> Simulated {
         pairs: vec![
             Pair {
                 reception: reception("talker", "mic-1", 0.21, shape),
-                response: Some(Response { sample_rate_hz: 48_000, samples, warnings: vec![] }),
+                response: Some(Response {
+                    sample_rate_hz: 48_000,
+                    samples,
+                    others: vec![],
+                    title: String::new(),
+                    warnings: vec![],
+                }),
                 metrics: OCTAVES.map(metrics).into(),
                 response_metrics: OCTAVES.map(metrics).into(),
                 speech_transmission_index: Some(0.625),

@@ -4,11 +4,12 @@ mod filters;
 
 use diffray::probe::{BandLevel, EarlyPath, Echogram, Reception};
 use diffray::response::{RenderOptions, Response, render, suggested_length_s};
-use diffray::scene::Band;
+use diffray::scene::{Band, ProbeFormat};
 use filters::{band_means, class_1_means, octaves, third_octaves};
 
 const RATE: u32 = 48_000;
-const OPTIONS: RenderOptions = RenderOptions { sample_rate_hz: RATE, length_s: None, seed: 7 };
+const OPTIONS: RenderOptions =
+    RenderOptions { sample_rate_hz: RATE, length_s: None, seed: 7, format: ProbeFormat::Omni };
 
 fn path(delay_s: f64, intensity: Vec<f64>) -> EarlyPath {
     let error = vec![0.0; intensity.len()];

@@ -4,7 +4,7 @@ mod filters;
 
 use diffray::probe::{BandLevel, EarlyPath, Echogram, Reception};
 use diffray::response::{Metrics, RenderOptions, metrics, render};
-use diffray::scene::Band;
+use diffray::scene::{Band, ProbeFormat};
 use filters::{class_1_output, octaves};
 
 const BIN_S: f64 = 0.002;
@@ -192,7 +192,7 @@ fn the_rendered_noise_decays_as_the_echogram_says() {
     let seeds = 8;
     let mut means = [0.0; 8];
     for seed in 0..seeds {
-        let options = RenderOptions { sample_rate_hz: 48_000, length_s: None, seed };
+        let options = RenderOptions { sample_rate_hz: 48_000, length_s: None, seed, format: ProbeFormat::Omni };
         let Ok(response) = render(&reception, &bands, &options) else { panic!("no response") };
         for (mean, band) in means.iter_mut().zip(&bands) {
             *mean += measured_t30(&class_1_output(&response.samples, 48_000, band), 48_000.0) / seeds as f64;

@@ -9,12 +9,13 @@ use diffray::paths;
 use diffray::plan::Plan;
 use diffray::probe::Reception;
 use diffray::response::{RenderOptions, render};
-use diffray::scene::{Override, Scene};
+use diffray::scene::{Override, ProbeFormat, Scene};
 use diffray::simulate;
 use filters::{band_means, class_1_means};
 
 const RATE: u32 = 48_000;
-const OPTIONS: RenderOptions = RenderOptions { sample_rate_hz: RATE, length_s: None, seed: 7 };
+const OPTIONS: RenderOptions =
+    RenderOptions { sample_rate_hz: RATE, length_s: None, seed: 7, format: ProbeFormat::Omni };
 
 fn receptions(scene: &Scene) -> Vec<Reception> {
     let geometry = Geometry::new(scene).unwrap();

@@ -68,7 +68,7 @@ impl Folder {
     ///
     /// # Errors
     /// [`Error::File`] if its directory cannot be made.
-    pub(super) fn new_path(&mut self, stem: &str, ending: &str) -> Result<PathBuf> {
+    pub fn new_path(&mut self, stem: &str, ending: &str) -> Result<PathBuf> {
         let numbered = (2..).map(|n: u64| format!("{stem}-{n}{ending}"));
         let name = std::iter::once(format!("{stem}{ending}")).chain(numbered).find(|name| !self.files.contains(name));
         // The numbers do not end before the names do.

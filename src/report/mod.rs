@@ -185,7 +185,7 @@ impl Simulated {
 }
 
 /// A name as part of a file name: separators and what some systems refuse become `_`.
-fn file_part(name: &str) -> String {
+pub fn file_part(name: &str) -> String {
     let allowed = |c: char| !c.is_control() && !"/\\:*?\"<>|".contains(c);
     name.chars().map(|c| if allowed(c) { c } else { '_' }).collect()
 }

@@ -158,20 +158,22 @@ impl Mean {
     }
 }
 
-/// Gives `samples` the band means of |H|^2 in `target` (one a band of the shaper; 0: the band is silenced). Returns the
+/// Gives the first channel the band means of |H|^2 in `target` (one a band of the shaper; 0: the band is silenced), and the others
+/// the same gain. Returns the
 /// remaining error of each band's white mean in dB: 0 where silence was asked for, -infinite where there was nothing to
 /// amplify.
 pub(super) fn match_bands(
-    samples: &mut [f64],
+    channels: &mut [Vec<f64>],
     target: &[f64],
     shaper: &mut Shaper<'_>,
     planner: &mut RealFftPlanner<f64>,
 ) -> Vec<f64> {
-    let meter = Meter::new(shaper, samples.len());
+    let length = channels[0].len();
+    let meter = Meter::new(shaper, length);
     let (forward, inverse) = (planner.plan_fft_forward(meter.grid), planner.plan_fft_inverse(meter.grid));
     let mut time = vec![0.0; meter.grid];
     let mut raw = forward.make_output_vec();
-    time[..samples.len()].copy_from_slice(samples);
+    time[..length].copy_from_slice(&channels[0]);
     // Buffers have the plan's own lengths, the only thing the transforms can object to.
     let done = forward.process(&mut time, &mut raw);
     debug_assert!(done.is_ok());
@@ -195,7 +197,8 @@ pub(super) fn match_bands(
     let bins: Vec<Between> = (0..raw.len()).map(|k| between_hz(&nodes_hz, k as f64 * step)).collect();
     let mut wanted: Vec<Option<f64>> = means.iter().map(|m| loud(m).then(|| target[m.band].ln())).collect();
     let mut ln_gain = vec![0.0; nodes_hz.len()];
-    let mut best: Option<(Worst, Vec<f64>)> = None;
+    let mut best: Option<(Worst, Vec<f64>, Vec<Complex64>)> = None;
+    let mut gains = vec![Complex64::ZERO; raw.len()];
     let mut spectrum = raw.clone();
     for _ in 0..8 {
         fit(&means, &wanted, &places, &mut ln_gain);
@@ -215,7 +218,8 @@ pub(super) fn match_bands(
                     coarse[cell] + (position - cell as f64) * (coarse[cell + 1] - coarse[cell])
                 }
             };
-            *s = r * Complex64::from_polar(bins[k].of(&ln_gain).exp() / meter.grid as f64, angle);
+            gains[k] = Complex64::from_polar(bins[k].of(&ln_gain).exp() / meter.grid as f64, angle);
+            *s = r * gains[k];
         }
         spectrum[0].im = 0.0;
         if let Some(last) = spectrum.last_mut() {
@@ -224,8 +228,8 @@ pub(super) fn match_bands(
         let done = inverse.process(&mut spectrum, &mut time);
         debug_assert!(done.is_ok());
         // What rings past either end of the response is cut off; then the loss is measured and made good.
-        time[samples.len()..].fill(0.0);
-        let result = time[..samples.len()].to_vec();
+        time[length..].fill(0.0);
+        let result = time[..length].to_vec();
         let done = forward.process(&mut time, &mut spectrum);
         debug_assert!(done.is_ok());
         let reached = meter.means(&spectrum);
@@ -238,16 +242,32 @@ pub(super) fn match_bands(
             }
         }
         let done = worst.is_met();
-        if best.as_ref().is_none_or(|(b, _)| worst.score < b.score) {
-            best = Some((worst, result));
+        if best.as_ref().is_none_or(|(b, ..)| worst.score < b.score) {
+            best = Some((worst, result, gains.clone()));
         }
         if done {
             break;
         }
     }
     match best {
-        Some((worst, result)) => {
-            samples.copy_from_slice(&result);
+        Some((worst, result, gains)) => {
+            channels[0] = result;
+            for samples in &mut channels[1..] {
+                time[..length].copy_from_slice(samples);
+                time[length..].fill(0.0);
+                let done = forward.process(&mut time, &mut spectrum);
+                debug_assert!(done.is_ok());
+                for (k, (s, gain)) in spectrum.iter_mut().zip(&gains).enumerate() {
+                    *s *= gain * fades.as_ref().map_or(1.0, |f| f[k]);
+                }
+                spectrum[0].im = 0.0;
+                if let Some(last) = spectrum.last_mut() {
+                    last.im = 0.0;
+                }
+                let done = inverse.process(&mut spectrum, &mut time);
+                debug_assert!(done.is_ok());
+                samples.copy_from_slice(&time[..length]);
+            }
             worst.white_db
         }
         None => vec![0.0; target.len()],

@@ -39,7 +39,7 @@ pub(super) fn noise(
     curves: &[EnergyCurve],
     bands: &[Band],
     axis: TimeAxis,
-    seed: u64,
+    (seed, channel): (u64, usize),
     planner: &mut RealFftPlanner<f64>,
 ) -> Vec<f64> {
     let TimeAxis { sample_rate_hz, length, shift_s } = axis;
@@ -55,7 +55,7 @@ pub(super) fn noise(
 
     let grid = smooth_length(length);
     let (forward, inverse) = (planner.plan_fft_forward(grid), planner.plan_fft_inverse(grid));
-    let mut samples = random_signs(reception, seed, grid);
+    let mut samples = random_signs(reception, (seed, channel), grid);
     let mut white = forward.make_output_vec();
     // Buffers have the plan's own lengths, the only thing the transforms can object to.
     let done = forward.process(&mut samples, &mut white);
@@ -123,12 +123,15 @@ fn level(samples: &mut [f64], window: f64) {
 }
 
 /// Random signs from the seed and the names of source and probe.
-fn random_signs(reception: &Reception, seed: u64, length: usize) -> Vec<f64> {
+fn random_signs(reception: &Reception, (seed, channel): (u64, usize), length: usize) -> Vec<f64> {
     let mut hash = Sha256::new();
     hash.update(seed.to_le_bytes());
     hash.update((reception.source.len() as u64).to_le_bytes());
     hash.update(reception.source.as_bytes());
     hash.update(reception.probe.as_bytes());
+    if channel > 0 {
+        hash.update((channel as u64).to_le_bytes());
+    }
     let mut random = rand_pcg::Pcg64::from_seed(hash.finalize().into());
     let mut signs = Vec::with_capacity(length + 64);
     while signs.len() < length {

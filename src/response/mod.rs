@@ -17,6 +17,8 @@
 //!    interfere where intensities add. A band with intensity 0 is silenced.
 
 mod analysis;
+mod auralise;
+mod directional;
 mod energy;
 mod gain;
 mod late;
@@ -28,11 +30,12 @@ use std::path::Path;
 use realfft::RealFftPlanner;
 
 pub use analysis::{response_metrics, speech_transmission_index};
+pub use auralise::{Dry, heard};
 pub use metrics::{DecayTime, Metrics, metrics};
 
 use crate::error::{Error, Result, Warning};
 use crate::probe::Reception;
-use crate::scene::Band;
+use crate::scene::{Band, ProbeFormat};
 use energy::EnergyCurve;
 use spectrum::{Shaper, ln_magnitude};
 
@@ -48,7 +51,7 @@ const MAX_SAMPLES: f64 = 268_435_456.0;
 const REPORTED_DB: f64 = 0.1;
 
 /// How an impulse response is rendered.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderOptions {
     /// Sample rate in Hz.
     pub sample_rate_hz: u32,
@@ -56,21 +59,27 @@ pub struct RenderOptions {
     pub length_s: Option<f64>,
     /// Seed of the late part's noise; the names of source and probe are mixed in.
     pub seed: u64,
+    /// What the probe records.
+    pub format: ProbeFormat,
 }
 
-/// A mono impulse response: pressure relative to the free-field peak at 1 m, time 0 = emission.
+/// An impulse response: pressure relative to the free-field peak at 1 m, time 0 = emission.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Response {
     /// Sample rate in Hz.
     pub sample_rate_hz: u32,
-    /// The samples.
+    /// The samples of the first channel.
     pub samples: Vec<f32>,
+    /// Those of the other channels, as many each; none but for Ambisonics.
+    pub others: Vec<Vec<f32>>,
+    /// What it is, for the file's INFO chunk.
+    pub title: String,
     /// What the listener should know.
     pub warnings: Vec<Warning>,
 }
 
 impl Response {
-    /// Writes a mono WAV file of 32-bit floats, whole or not at all: into a new file in the same folder, which then takes the
+    /// Writes a WAV file of 32-bit floats with the title and the program in its INFO chunk, whole or not at all: into a new file in the same folder, which then takes the
     /// name `path`.
     ///
     /// # Errors
@@ -96,9 +105,10 @@ impl Response {
     }
 
     /// The WAV file's bytes into `writer`.
-    fn write_samples(&self, writer: impl std::io::Write + std::io::Seek) -> std::io::Result<()> {
+    fn write_samples(&self, mut writer: impl std::io::Write + std::io::Seek) -> std::io::Result<()> {
         let spec = hound::WavSpec {
-            channels: 1,
+            // At most 16.
+            channels: 1 + self.others.len() as u16,
             sample_rate: self.sample_rate_hz,
             bits_per_sample: 32,
             sample_format: hound::SampleFormat::Float,
@@ -107,11 +117,33 @@ impl Response {
             hound::Error::IoError(e) => e,
             other => std::io::Error::other(other),
         };
-        let mut wav = hound::WavWriter::new(writer, spec).map_err(io)?;
-        for sample in &self.samples {
+        let mut wav = hound::WavWriter::new(&mut writer, spec).map_err(io)?;
+        for (n, sample) in self.samples.iter().enumerate() {
             wav.write_sample(*sample).map_err(io)?;
+            for other in &self.others {
+                wav.write_sample(other[n]).map_err(io)?;
+            }
         }
-        wav.finalize().map_err(io)
+        wav.finalize().map_err(io)?;
+        let mut info = b"INFO".to_vec();
+        for (name, text) in [(b"INAM", self.title.as_str()), (b"ISFT", concat!("diffray ", env!("CARGO_PKG_VERSION")))]
+        {
+            let text = [text.as_bytes(), b"\0"].concat();
+            info.extend(name);
+            info.extend((text.len() as u32).to_le_bytes());
+            info.extend(&text);
+            // Chunks begin at even places.
+            info.resize(info.len().next_multiple_of(2), 0);
+        }
+        writer.seek(std::io::SeekFrom::End(0))?;
+        writer.write_all(b"LIST")?;
+        writer.write_all(&(info.len() as u32).to_le_bytes())?;
+        writer.write_all(&info)?;
+        // Below 4 GiB: the number of samples is limited.
+        let size = writer.stream_position()? - 8;
+        writer.seek(std::io::SeekFrom::Start(4))?;
+        writer.write_all(&(size as u32).to_le_bytes())?;
+        writer.flush()
     }
 }
 
@@ -150,7 +182,7 @@ pub fn render(
     let rate = f64::from(options.sample_rate_hz);
     let length_s = options.length_s.unwrap_or_else(|| suggested_length_s(reception));
     let length = (length_s * rate).ceil();
-    if !(1.0..=MAX_SAMPLES).contains(&length) {
+    if !(1.0..=MAX_SAMPLES).contains(&(length * (directional::order(options.format) + 1).pow(2) as f64)) {
         return Err(refusal(
             reception,
             format!("{length_s} s at {rate} Hz is no possible length"),
@@ -200,17 +232,21 @@ pub fn render(
         });
     }
 
-    let mut samples = vec![0.0; length];
+    let mut channels = vec![vec![0.0; length]; (directional::order(options.format) + 1).pow(2)];
     if target.iter().any(|t| *t > 0.0) {
         let mut planner = RealFftPlanner::new();
         let mut shaper = Shaper::new(bands, rate, &mut planner);
-        add_paths(reception, &target, &mut shaper, shift_s, &mut samples);
+        add_paths(reception, &target, &mut shaper, shift_s, &mut channels);
         let axis = late::TimeAxis { sample_rate_hz: rate, length, shift_s };
-        let noise = late::noise(reception, &curves, bands, axis, options.seed, &mut planner);
-        for (sum, n) in samples.iter_mut().zip(noise) {
-            *sum += n;
+        for (c, samples) in channels.iter_mut().enumerate() {
+            // Rays do not tell their direction: late sound comes evenly from everywhere, so that the harmonics are
+            // independent and have the mean power 1/(2 l + 1).
+            let share = 1.0 / ((2 * directional::degree(c) + 1) as f64).sqrt();
+            let noise = late::noise(reception, &curves, bands, axis, (options.seed, c), &mut planner);
+            samples.iter_mut().zip(noise).for_each(|(sum, n)| *sum += share * n);
         }
-        let errors = gain::match_bands(&mut samples, &target, &mut shaper, &mut planner);
+        // Band levels are those of the pressure; the other channels go through the same gain.
+        let errors = gain::match_bands(&mut channels, &target, &mut shaper, &mut planner);
         for (band, error) in bands.iter().zip(errors).filter(|(_, e)| e.is_nan() || e.abs() > REPORTED_DB) {
             warnings.push(Warning {
                 observation: format!(
@@ -221,8 +257,24 @@ pub fn render(
             });
         }
     }
-    let samples = samples.iter().map(|s| *s as f32).collect();
-    Ok(Response { sample_rate_hz: options.sample_rate_hz, samples, warnings })
+    if channels[0].iter().all(|s| *s == 0.0) {
+        warnings.push(Warning {
+            observation: format!(
+                "The response of {} at {} is silent: nothing arrives.",
+                reception.source, reception.probe
+            ),
+            remedy: "Is there a way for the sound, and is the response long enough for it?".into(),
+        });
+    }
+    let recorded = directional::recorded(options.format, channels);
+    let mut recorded = recorded.iter().map(|c| c.iter().map(|s| *s as f32).collect::<Vec<f32>>());
+    Ok(Response {
+        sample_rate_hz: options.sample_rate_hz,
+        samples: recorded.next().unwrap_or_default(),
+        others: recorded.collect(),
+        title: format!("{} at {}", reception.source, reception.probe),
+        warnings,
+    })
 }
 
 /// Geometric centre of a band in Hz.
@@ -231,31 +283,37 @@ fn centre(band: &Band) -> f64 {
 }
 
 /// Adds one pulse a path. Bands that are silent altogether (`target` 0) are left to the gain at the end.
-fn add_paths(reception: &Reception, target: &[f64], shaper: &mut Shaper<'_>, shift_s: f64, samples: &mut [f64]) {
+fn add_paths(reception: &Reception, target: &[f64], shaper: &mut Shaper<'_>, shift_s: f64, channels: &mut [Vec<f64>]) {
+    let length = channels[0].len();
     let bands = shaper.bands();
     for path in &reception.paths {
         let intensity = &path.intensity[..bands.len()];
         let arrival = (path.delay_s + shift_s) * shaper.sample_rate_hz();
-        if intensity.iter().all(|e| *e <= 0.0) || arrival >= samples.len() as f64 {
+        if intensity.iter().all(|e| *e <= 0.0) || arrival >= length as f64 {
             continue;
         }
+        let weights = directional::harmonics(channels.len().isqrt() - 1, path.from);
         let silent: Vec<bool> = intensity.iter().zip(target).map(|(e, t)| *e <= 0.0 && *t > 0.0).collect();
         // Delays are sums of rounded lengths: a billionth of a sample is no delay.
         let whole = (arrival + 1e-9).floor();
         let fraction = (arrival - whole).max(0.0);
         let whole = whole as usize; // at least 0 (shifted), below samples.len()
         if flat(intensity) && fraction < 1e-9 {
-            samples[whole] += intensity[0].sqrt();
+            for (samples, weight) in channels.iter_mut().zip(&weights) {
+                samples[whole] += weight * intensity[0].sqrt();
+            }
             continue;
         }
         let ln = ln_magnitude(bands, intensity);
         let pulse = shaper.pulse(&ln, &silent, fraction);
         let half = pulse.len() / 2;
-        for (n, p) in pulse[..half].iter().enumerate().take(samples.len() - whole) {
-            samples[whole + n] += p;
-        }
-        for (n, p) in pulse[half..].iter().rev().enumerate().take(whole) {
-            samples[whole - 1 - n] += p;
+        for (samples, weight) in channels.iter_mut().zip(&weights) {
+            for (n, p) in pulse[..half].iter().enumerate().take(length - whole) {
+                samples[whole + n] += weight * p;
+            }
+            for (n, p) in pulse[half..].iter().rev().enumerate().take(whole) {
+                samples[whole - 1 - n] += weight * p;
+            }
         }
     }
 }

@@ -344,6 +344,19 @@ pub struct Probe {
     pub name: String,
     /// Position in m.
     pub position_m: DVec3,
+    /// What its impulse response records.
+    pub format: ProbeFormat,
+}
+
+/// What a probe's impulse response records.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ProbeFormat {
+    /// The pressure.
+    Omni,
+    /// All spherical harmonics up to this order (1 to 3), ACN order, SN3D normalisation.
+    Ambix(usize),
+    /// A pattern of first order, its axis towards what is heard best.
+    Pattern(Directivity),
 }
 
 /// Which edges diffract.

@@ -228,6 +228,10 @@ pub struct ProbeTable {
     pub name: Spanned<String>,
     /// Position in m.
     pub position_m: Spanned<[f64; 3]>,
+    /// What its impulse response records.
+    pub format: Option<Spanned<String>>,
+    /// The axis of its pattern.
+    pub direction: Option<Spanned<[f64; 3]>>,
 }
 
 /// `[simulation]`

@@ -86,7 +86,11 @@ pub(crate) fn add_source(scene: &mut Scene, position: [f64; 3]) {
 }
 
 pub(crate) fn add_probe(scene: &mut Scene, position: [f64; 3]) {
-    scene.probes.push(Probe { name: format!("probe {}", scene.probes.len()), position_m: position.into() });
+    scene.probes.push(Probe {
+        name: format!("probe {}", scene.probes.len()),
+        position_m: position.into(),
+        format: ProbeFormat::Omni,
+    });
 }
 
 /// A wall across the whole section of rooms of `size_y` x `size_z` at x, centred on it.

@@ -10,7 +10,7 @@ use crate::error::{Result, Warning};
 use crate::scene::locate::Locator;
 use crate::scene::room_file::{ProbeTable, SourceTable};
 use crate::scene::spectrum::Spectrum;
-use crate::scene::{Band, BoxRoom, Directivity, Probe, Source, SourceKind};
+use crate::scene::{Band, BoxRoom, Directivity, Probe, ProbeFormat, Source, SourceKind};
 
 /// Names of first-order directivities and their omnidirectional shares: the supercardioid has the largest
 /// front-to-back ratio, (sqrt 3 - 1)/2; the hypercardioid the largest directivity, 1/4.
@@ -214,9 +214,30 @@ pub(super) fn probes(
                 "rename a source or a probe",
             ));
         }
-        probes.push(Probe { name, position_m });
+        let format = format(&name, table, at)?;
+        probes.push(Probe { name, position_m, format });
     }
     Ok(probes)
+}
+
+/// What a probe's impulse response records: the names of directivities, and "ambix1" to "ambix3".
+fn format(name: &str, table: &ProbeTable, at: &Locator<'_>) -> Result<ProbeFormat> {
+    let axis = table.direction.as_ref().map(|axis| direction(axis, "direction", at)).transpose()?;
+    let pattern = |(word, omni_share)| {
+        let directivity = Directivity { omni_share, axis: axis.unwrap_or(DVec3::X) };
+        (word, if omni_share == 1.0 { ProbeFormat::Omni } else { ProbeFormat::Pattern(directivity) })
+    };
+    let ambix = [("ambix1", 1), ("ambix2", 2), ("ambix3", 3)].map(|(word, order)| (word, ProbeFormat::Ambix(order)));
+    let choices: Vec<(&'static str, ProbeFormat)> = DIRECTIVITIES.map(pattern).into_iter().chain(ambix).collect();
+    let format = choice_or(table.format.as_ref(), ProbeFormat::Omni, "format", &choices, at)?;
+    match (format, axis) {
+        (ProbeFormat::Pattern(_), None) => Err(at.error(
+            table.format.as_ref().map_or(0..0, Spanned::span),
+            format!("the format of probe `{name}` lacks direction"),
+            "the axis it points along: direction = [1, 0, 0]",
+        )),
+        _ => Ok(format),
+    }
 }
 
 /// Points outside every box are likely a slip, where boxes are all there is.
