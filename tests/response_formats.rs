@@ -30,7 +30,8 @@ fn reception(paths: &[(f64, f64, DVec3)], late: f64, t60_s: f64) -> Reception {
         .collect();
     let rate = SIXTY_DB / t60_s;
     let bins = (0..(1200.0 * t60_s) as usize).map(|i| late * (-rate * 1e-3 * i as f64).exp() * rate * 1e-3);
-    let echogram = Echogram { bin_s: 1e-3, energy: vec![bins.collect(); 8], std_error: vec![0.0; 8] };
+    let echogram =
+        Echogram { bin_s: 1e-3, energy: vec![bins.collect(); 8], bin_error: Vec::new(), std_error: vec![0.0; 8] };
     let early: f64 = paths.iter().map(|p| p.intensity[0]).sum();
     let intensity = early + echogram.energy[0].iter().sum::<f64>();
     let level = |band: Band| BandLevel {
