@@ -50,10 +50,12 @@ const PLANE_REACHES: [f64; 2] = [0.02, 0.5];
 /// Shares of the side along which it must lie in the plane.
 const PLANE_PLACES: [f64; 3] = [0.1, 0.5, 0.9];
 
-/// Up to so many ways all are reckoned carefully.
+/// Up to so many ways none is guessed.
 const FEW_WAYS: usize = 4;
-/// Share of the sum of all ways in those that are reckoned roughly (3 dB low at most: 0.09 dB of the sum, as a rule a tenth of it).
-const WEAK: f64 = 0.02;
+/// Share of the sum of all ways in those that are only guessed, within some 5 dB: 0.04 dB of the sum.
+const WEAK: f64 = 0.01;
+/// k times the narrower side of an opening from which the rule for screens tells weak ways: a narrow one radiates everywhere.
+const SCREENS_KA: f64 = 6.0;
 
 /// A source or probe image with what it sees of the openings.
 struct Sight {
@@ -77,6 +79,23 @@ struct Way<'a> {
     /// What surfaces and air leave of the energy, one factor a band.
     factors: Vec<f64>,
     reflections: usize,
+}
+
+impl Way<'_> {
+    /// Intensity but for a common factor: the free field, behind a jamb by Maekawa's (1968) rule for screens.
+    fn rough(&self, band: usize, spectrum: &Spectrum) -> f64 {
+        let straight_m = (self.to.position - self.from.position).length();
+        let detour_m = self.length_m - straight_m;
+        let screened = match detour_m > 1e-9 * straight_m {
+            true => 1.0 / (3.0 + 40.0 * detour_m / spectrum.mean_wavelength_m()),
+            false => 1.0,
+        };
+        let alone = match self.mirrored {
+            Some((m, false)) => 1.0 - m.factors[band],
+            _ => 1.0,
+        };
+        alone * screened * self.factors[band] / (self.length_m * self.length_m)
+    }
 }
 
 impl Rectangles {
@@ -209,51 +228,48 @@ impl Rectangles {
 
     /// Intensities, one list a way, one value a band.
     ///
-    /// Only the strongest ways are reckoned with all frequencies and corners: the others bring less than [`WEAK`] of the whole in
-    /// sum.
+    /// Through openings that are not narrow the weakest ways, by a rule for screens, keep what the rule says, scaled to the others:
+    /// together they bring less than [`WEAK`] of the whole.
     fn intensities(&self, scene: &Scene, spectra: &[Spectrum], ways: &[Way<'_>], places: &[DVec3]) -> Vec<Vec<f64>> {
         let mut all = vec![vec![0.0; spectra.len()]; ways.len()];
         if scene.simulation.transport == Transport::Utd {
-            // Below, as pressures.
+            // As pressures later.
             return all;
         }
         for (band, spectrum) in spectra.iter().enumerate() {
-            let at = |way: &Way<'_>, carefully: bool| self.intensity(scene, (band, spectrum), way, places, carefully);
-            if ways.len() <= FEW_WAYS {
-                all.iter_mut().zip(ways).for_each(|(values, way)| values[band] = at(way, true));
-                continue;
-            }
-            let values: Vec<f64> = ways.iter().map(|way| at(way, false)).collect();
+            let rough: Vec<f64> = ways.iter().map(|way| way.rough(band, spectrum)).collect();
             let mut order: Vec<usize> = (0..ways.len()).collect();
-            order.sort_by(|a, b| values[*b].total_cmp(&values[*a]));
-            let mut left: f64 = values.iter().sum();
+            order.sort_by(|a, b| rough[*b].total_cmp(&rough[*a]));
+            let mut left: f64 = rough.iter().sum();
             let weak = WEAK * left;
+            let all_exact = ways.len() <= FEW_WAYS || self.narrowest_m() * spectrum.high_k() < SCREENS_KA;
+            let (mut found, mut guessed) = (0.0, 0.0);
             for i in order {
-                let better = left > weak && self.is_rough(&ways[i], band);
-                all[i][band] = if better { at(&ways[i], true) } else { values[i] };
-                left -= values[i];
+                all[i][band] = if all_exact || left > weak || guessed == 0.0 {
+                    let value = self.intensity(scene, (band, spectrum), &ways[i], places);
+                    (found, guessed) = (found + value, guessed + rough[i]);
+                    value
+                } else {
+                    rough[i] * found / guessed
+                };
+                left -= rough[i];
             }
+            let solved = self.bands[band].get().into_iter();
+            solved
+                .chain(self.mirrored.iter().filter_map(|m| m.bands[band].get()))
+                .for_each(Rectangle::forget_receivers);
         }
         all
     }
 
-    fn is_rough(&self, way: &Way<'_>, band: usize) -> bool {
-        let rough = |bands: &[OnceLock<Rectangle>]| {
-            bands[band].get().is_some_and(|r| r.is_rough(way.from.position, way.to.position))
-        };
-        rough(&self.bands) || way.mirrored.is_some_and(|(m, _)| rough(&m.bands))
+    fn narrowest_m(&self) -> f64 {
+        let openings = self.x.openings().iter().chain(self.y.openings());
+        openings.map(|o| o[1] - o[0]).fold(f64::INFINITY, f64::min)
     }
 
     /// Intensity of a way in a band.
-    fn intensity(
-        &self,
-        scene: &Scene,
-        (band, spectrum): (usize, &Spectrum),
-        way: &Way<'_>,
-        places: &[DVec3],
-        carefully: bool,
-    ) -> f64 {
-        let own = || self.seen_part(self.alone(scene, band, spectrum), spectrum, way, places, carefully);
+    fn intensity(&self, scene: &Scene, (band, spectrum): (usize, &Spectrum), way: &Way<'_>, places: &[DVec3]) -> f64 {
+        let own = || self.seen_part(self.alone(scene, band, spectrum), spectrum, way, places);
         let value = match way.mirrored {
             None => own(),
             Some((m, first)) => {
@@ -262,7 +278,7 @@ impl Rectangles {
                 let both = || {
                     let whole = self.with_images(scene, m, band, spectrum);
                     let share = seen_share(&way.seen, places, way.over, self.zone_m2(spectrum, way, places));
-                    share * whole.intensity(way.from.position, way.to.position, carefully).max(0.0)
+                    share * whole.intensity(way.from.position, way.to.position).max(0.0)
                 };
                 let alone = if f < 1.0 { (1.0 - f) * own() } else { 0.0 };
                 alone + if first && f > 0.0 { f * both() } else { 0.0 }
@@ -364,14 +380,7 @@ impl Rectangles {
     }
 
     /// Intensity through the openings themselves, by the share of places that see both ends.
-    fn seen_part(
-        &self,
-        rectangle: &Rectangle,
-        spectrum: &Spectrum,
-        way: &Way<'_>,
-        places: &[DVec3],
-        carefully: bool,
-    ) -> f64 {
+    fn seen_part(&self, rectangle: &Rectangle, spectrum: &Spectrum, way: &Way<'_>, places: &[DVec3]) -> f64 {
         let (from, to) = (way.from.position, way.to.position);
         let dark = |part: &[bool]| part.iter().all(|s| !s);
         if way.seen.chunks(25).any(dark) {
@@ -380,13 +389,13 @@ impl Rectangles {
             return lit
                 .map(|(i, (seen, places))| {
                     let zone = self.zone_m2(spectrum, way, places);
-                    let value = rectangle.part(i).intensity(from, to, carefully).max(0.0);
+                    let value = rectangle.part(i).intensity(from, to).max(0.0);
                     value * seen_share(seen, places, way.over, zone)
                 })
                 .sum();
         }
         let share = seen_share(&way.seen, places, way.over, self.zone_m2(spectrum, way, places));
-        rectangle.intensity(from, to, carefully).max(0.0) * share
+        rectangle.intensity(from, to).max(0.0) * share
     }
 
     /// Area in m^2 about the shortest way that counts: the first Fresnel zone, or a cell between the places.

@@ -8,7 +8,7 @@
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -17,7 +17,7 @@ use super::crossing::Spectrum;
 use super::hatch::{Driven, Hatch, View, transmission, unknowns};
 use super::mask::{Jambs, Mask};
 use super::product::paraxial_intensity;
-use super::rim::{NARROW_SIDE_KA, ROUGH, Rim, facing, only, shortest_over, span};
+use super::rim::{NARROW_SIDE_KA, Rim, facing, only, shortest_over, span};
 use super::series::Legendre;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
 use super::thick::is_thick;
@@ -78,8 +78,9 @@ pub struct Rectangle {
     spectrum: Spectrum,
     jambs: Jambs,
     exact: Option<Hatch>,
-    /// Points that the exact rectangle has met, by the bits of their coordinates.
-    met: Mutex<HashMap<[u64; 3], Arc<Met>>>,
+    /// What sources do in the exact rectangle, and how it sees receivers, by the bits of their coordinates.
+    sources: Known<Driven>,
+    receivers: Known<View>,
     rim: OnceLock<Rim>,
     /// An opening of the same corners that is small enough to be solved exactly, about the origin.
     corner: OnceLock<Box<Self>>,
@@ -87,14 +88,31 @@ pub struct Rectangle {
     parts: Vec<Self>,
 }
 
-/// A point as the exact rectangle sees it, and what it does there as a source.
-struct Met {
-    view: View,
-    driven: OnceLock<Driven>,
+/// What is known of points, by the bits of their coordinates.
+struct Known<T>(Mutex<HashMap<[u64; 3], Arc<T>>>);
+
+impl<T> Known<T> {
+    fn of(&self, point: DVec3, new: impl FnOnce() -> T) -> Arc<T> {
+        let key = point.to_array().map(f64::to_bits);
+        if let Some(known) = self.all().get(&key) {
+            return Arc::clone(known);
+        }
+        let new = Arc::new(new());
+        let mut all = self.all();
+        if all.len() < MOST_KNOWN {
+            all.insert(key, Arc::clone(&new));
+        }
+        new
+    }
+
+    /// A lock is poisoned by a panic only, and what it guards is whole even then.
+    fn all(&self) -> MutexGuard<'_, HashMap<[u64; 3], Arc<T>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
-/// Most points that are kept: some 100 kB each.
-const MOST_MET: usize = 500;
+/// Most points that are kept: up to 100 kB each.
+const MOST_KNOWN: usize = 500;
 
 impl Rectangle {
     /// Prepares the openings `x` by `y` (limits along their sides in m, any of them infinite) through a wall of `thickness_m`
@@ -111,18 +129,30 @@ impl Rectangle {
         let several = x.openings().len() > 1;
         let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, thickness_m, spectrum, jambs);
         let parts = if several { x.openings().iter().map(part).collect() } else { Vec::new() };
-        let (met, rim, corner) = (Mutex::default(), OnceLock::new(), OnceLock::new());
-        Self { x: x.clone(), y: y.clone(), thickness_m, spectrum: *spectrum, jambs, exact, met, rim, corner, parts }
+        let (rim, corner) = (OnceLock::new(), OnceLock::new());
+        let (sources, receivers) = (Known(Mutex::default()), Known(Mutex::default()));
+        Self {
+            x: x.clone(),
+            y: y.clone(),
+            thickness_m,
+            spectrum: *spectrum,
+            jambs,
+            exact,
+            sources,
+            receivers,
+            rim,
+            corner,
+            parts,
+        }
     }
 
     /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
     /// mean. Both in the opening's frame (x and y along its sides, z the normal, in m), on opposite sides of z = 0.
-    /// Swapping them changes nothing. Not `carefully`, wide openings are taken by their edges alone at few frequencies: within a fifth,
-    /// up to 3 dB too low in the shadow of a corner.
+    /// Swapping them changes nothing.
     ///
     /// Several openings: what they pass one by one, times what their edges say
     /// that they pass together.
-    pub fn intensity(&self, source: DVec3, receiver: DVec3, carefully: bool) -> f64 {
+    pub fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
         if self.jambs == Jambs::Paraxial {
             return paraxial_intensity(&self.x, &self.y, source, receiver, &self.spectrum);
         }
@@ -130,22 +160,14 @@ impl Rectangle {
             let sum = |f: &dyn Fn(&Self) -> f64| self.parts.iter().map(f).sum::<f64>();
             let apart = sum(&|part| part.rim(source, receiver));
             let together = self.rim(source, receiver);
-            return if apart > 0.0 {
-                together * sum(&|part| part.intensity(source, receiver, carefully)) / apart
-            } else {
-                0.0
-            };
+            return if apart > 0.0 { together * sum(&|part| part.intensity(source, receiver)) / apart } else { 0.0 };
         }
         let share = self.exact_share(source, receiver);
         let exact = if share > 0.0 { self.exactly(source, receiver) } else { 0.0 };
         if share == 1.0 {
             return exact;
         }
-        let edges = if carefully {
-            self.rim(source, receiver) * self.corner(source, receiver)
-        } else {
-            self.edges().intensity(source, receiver, ROUGH)
-        };
+        let edges = self.rim(source, receiver) * self.corner(source, receiver);
         share * exact + (1.0 - share) * edges
     }
 
@@ -161,9 +183,8 @@ impl Rectangle {
         // Half a diagonal more than the shortest way is the middle of the others.
         let middle_m = length_m + 0.5 * diagonal_m(&self.x, &self.y);
         let exact = self.exact.as_ref().filter(|_| share > 0.0).map(|hatch| {
-            let (from, to) = (self.meet(hatch, source), self.meet(hatch, receiver));
-            let driven = from.driven.get_or_init(|| hatch.driven(&from.view));
-            let values: Vec<Complex64> = hatch.pressures(driven, &to.view).collect();
+            let (driven, seen) = (self.drive(hatch, source), self.see(hatch, receiver));
+            let values: Vec<Complex64> = hatch.pressures(&driven, &seen).collect();
             let mut values = values.iter();
             Legendre::through([self.spectrum.low_k(), self.spectrum.high_k()], values.len(), |k| {
                 values.next().map_or(Complex64::ZERO, |p| p * Complex64::from_polar(1.0, -k * middle_m))
@@ -179,16 +200,10 @@ impl Rectangle {
         Passed { wander_m, pressure: Box::new(pressure) }
     }
 
-    /// Whether [`Rectangle::intensity`] differs if done carefully.
-    pub fn is_rough(&self, source: DVec3, receiver: DVec3) -> bool {
-        self.jambs == Jambs::Rigid && self.exact_share(source, receiver) < 1.0
-    }
-
     /// By the exact rectangle, 0 where it is not solved.
     fn exactly(&self, source: DVec3, receiver: DVec3) -> f64 {
         let Some(hatch) = &self.exact else { return 0.0 };
-        let (from, to) = (self.meet(hatch, source), self.meet(hatch, receiver));
-        hatch.intensity(from.driven.get_or_init(|| hatch.driven(&from.view)), &to.view)
+        hatch.intensity(&self.drive(hatch, source), &self.see(hatch, receiver))
     }
 
     /// What a corner changes of the intensity that its edges send.
@@ -248,22 +263,21 @@ impl Rectangle {
     }
 
     fn rim(&self, source: DVec3, receiver: DVec3) -> f64 {
-        self.edges().intensity(source, receiver, MOST_FREQUENCIES)
+        self.edges().intensity(source, receiver)
     }
 
-    fn meet(&self, hatch: &Hatch, point: DVec3) -> Arc<Met> {
-        let key = point.to_array().map(f64::to_bits);
-        // A lock is poisoned by a panic only, and what it guards is whole even then.
-        let met = || self.met.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(met) = met().get(&key) {
-            return Arc::clone(met);
-        }
-        let new = Arc::new(Met { view: hatch.view(point), driven: OnceLock::new() });
-        let mut met = met();
-        if met.len() < MOST_MET {
-            met.insert(key, Arc::clone(&new));
-        }
-        new
+    fn drive(&self, hatch: &Hatch, source: DVec3) -> Arc<Driven> {
+        self.sources.of(source, || hatch.driven(&hatch.view(source)))
+    }
+
+    fn see(&self, hatch: &Hatch, receiver: DVec3) -> Arc<View> {
+        self.receivers.of(receiver, || hatch.view(receiver))
+    }
+
+    /// Gives the memory back that is kept for receivers met so far; those of the sources stay.
+    pub fn forget_receivers(&self) {
+        self.receivers.all().clear();
+        self.parts.iter().chain(self.corner.get().map(AsRef::as_ref)).for_each(Self::forget_receivers);
     }
 
     /// Share of the exact rectangle: it falls smoothly where the opening grows wide and where both points come near.

@@ -26,8 +26,6 @@ use super::wedge::{Wave, WedgeField, free_wave};
 pub(super) const NARROW_SIDE_KA: [f64; 2] = [8.0, 12.0];
 /// The same for the depth of the gap along the narrower side.
 const DEEP_KA: [f64; 2] = [6.0, 12.0];
-/// Gauss frequencies a band, beyond five, for a sum of edges that need not be known better than by a fifth.
-pub(super) const ROUGH: usize = 8;
 /// Distance in m from the boundary of the shadow within which half of the direct sound is seen.
 const ON_BOUNDARY_M: f64 = 1e-9;
 
@@ -229,10 +227,8 @@ impl Rim {
     }
 
     /// Intensity at `receiver` of a point source at `source`, on opposite sides of z = 0, relative to the free field at 1 m.
-    ///
-    /// `most`: Gauss frequencies at most, [`MOST_FREQUENCIES`] to resolve the interference of the edges, [`ROUGH`] for what is weak.
-    pub(super) fn intensity(&self, source: DVec3, receiver: DVec3, most: usize) -> f64 {
-        let single = self.field(source, receiver).mean(&self.spectrum, most);
+    pub(super) fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
+        let single = self.field(source, receiver).mean(&self.spectrum);
         let change = |(share, changes): (f64, Vec<(f64, Complex64, Complex64)>)| {
             let mean = |of: &dyn Fn(&(f64, Complex64, Complex64)) -> f64| changes.iter().map(of).sum::<f64>();
             let (exact, single) = (mean(&|c| c.0 * c.1.norm_sqr()), mean(&|c| c.0 * c.2.norm_sqr()));
@@ -351,10 +347,10 @@ impl Field {
     }
 
     /// Mean of |p|^2 over the band: it varies like cos(k d), d the differences of the ways.
-    fn mean(&self, spectrum: &Spectrum, most: usize) -> f64 {
+    fn mean(&self, spectrum: &Spectrum) -> f64 {
         let (low, high) = (spectrum.low_k(), spectrum.high_k());
         let phase = (high - low) * self.wander_m();
-        let count = if high > low { 5 + ((0.35 * phase).ceil() as usize).min(most) } else { 1 };
+        let count = if high > low { 5 + ((0.35 * phase).ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
         gauss_nodes(low, high, count).map(|(k, weight)| weight * self.pressure(k).norm_sqr()).sum()
     }
 }
