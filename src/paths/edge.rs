@@ -66,7 +66,7 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
             let lit = find(None);
             let ends = |(i, edge): (usize, &&'a Edge)| {
                 let places = [sources[s][i], probes[p][i]];
-                Ends { pair, edge: *edge, from, receiver, places }
+                Ends { pair, edge, from, receiver, places }
             };
             let mut ways: Vec<(Ends<'_, 'a>, Way, f64)> = felt
                 .iter()

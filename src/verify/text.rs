@@ -192,11 +192,11 @@ pub(super) fn tables(verified: &Verified) -> String {
             format!("set-up of a scene, {} cases", set_up.cases),
             String::new(),
             format!("≤ {}", time(Some(set_up.most_wanted_s))),
-            format!("{} (median {})", time(Some(set_up.longest_s)), time(Some(set_up.median_s))),
+            format!("{} ({})", time(Some(set_up.longest_s)), time(Some(set_up.median_s))),
             met(set_up.met()).to_owned(),
         ]);
     }
-    add("What is asked of wbsdf: 90th percentile / max; times: median of cases (least; all together)", bars);
+    add("What is asked of wbsdf: 90th percentile / max; times: median (least; all); set-up: longest (median)", bars);
     let left_out = left_out(verified);
     if !left_out.is_empty() {
         text.push_str(&format!("\n{left_out}\n"));
