@@ -29,14 +29,17 @@ use crate::wbsdf::wedge;
 const PLACES: usize = 33;
 /// How far in m an edge may lie off the plane of a wall's face to be one of its borders.
 const ON_PLANE_M: f64 = 1e-6;
-/// Steps of sin(beta) to which apertures are shared where only the change by edges is asked for.
-const COARSE: f64 = 50.0;
+/// Steps of sin(beta) to which apertures are shared where only the change by edges is asked for: a power of two.
+const COARSE: f64 = 64.0;
 /// Relative accuracy of the field on the opening.
 const ACCURACY: f64 = 1e-3;
 
-/// Apertures by band, direction of the edges (along y, or along x), and sine of the angle between ray and edges.
+/// Band, whether the edges lie along x of the opening, and sine of the angle between ray and edges (its bits).
+type Key = (usize, bool, u64);
+
+/// Apertures that several pairs share.
 #[derive(Default)]
-pub(super) struct Solved(Mutex<HashMap<(usize, bool, u64), Option<Arc<Apertures>>>>);
+pub(super) struct Solved(Mutex<HashMap<Key, Arc<Apertures>>>);
 
 /// An opening seen across those of its edges that lie along y of the frame.
 pub(super) struct View<'a> {
@@ -385,11 +388,17 @@ impl Flanked<'_, '_> {
         let view = self.view;
         let key = (band, view.turned, sin_beta.to_bits());
         let known = view.solved.0.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
-        let apertures = known.unwrap_or_else(|| {
-            let new = Apertures::new(view.across, view.depth_m, &self.pair.spectra[band], sin_beta).map(Arc::new);
-            view.solved.0.lock().unwrap_or_else(PoisonError::into_inner).insert(key, new.clone());
-            new
-        })?;
+        let apertures = match known {
+            Some(apertures) => apertures,
+            None => {
+                let new = Arc::new(Apertures::new(view.across, view.depth_m, &self.pair.spectra[band], sin_beta)?);
+                // Any other angle belongs to one pair alone.
+                if (sin_beta * COARSE).fract() == 0.0 {
+                    view.solved.0.lock().unwrap_or_else(PoisonError::into_inner).insert(key, Arc::clone(&new));
+                }
+                new
+            }
+        };
         let signs = [0, 1].map(|n| self.sides[n].sign);
         if plain {
             let open =
