@@ -328,7 +328,7 @@ fn main() {
         }
         if wanted.is_empty() || wanted == "small" || wanted == "errors" {
             to_target("shoebox 0.04 dB", SHOEBOX, &[]);
-            for rays in [8192, 32_768] {
+            for rays in [8192, 81_920] {
                 decay_times(rays);
             }
         }

@@ -143,7 +143,9 @@ fn bands_traced_together_equal_bands_traced_alone() {
         let combined = e.std_error[band].hypot(f.std_error[0]);
         let deviation = (level(e, band) - level(f, 0)) / combined;
         println!(
-            "s {s}: {deviation:.2} standard errors; errors {:.4} {:.4} dB",
+            "s {s}: {deviation:.2} standard errors; hits {} {}; errors {:.4} {:.4} dB",
+            together.hits,
+            alone.hits,
             4.34 * e.std_error[band] / level(e, band),
             4.34 * f.std_error[0] / level(f, 0)
         );

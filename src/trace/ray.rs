@@ -96,6 +96,16 @@ impl<const N: usize> Ray<N> {
         f64::from(mean(&self.weights) / self.reference)
     }
 
+    /// Goes on from a reflection.
+    fn leave(&mut self, hit: &Hit, direction: DVec3, diffuse: bool) {
+        self.direction = direction;
+        self.last = if diffuse { Last::Diffuse } else { Last::Specular };
+        self.diffuse |= diffuse;
+        self.reflections += 1;
+        self.position = hit.point;
+        self.skip = Skip::reflected(hit);
+    }
+
     /// Begins a branch beyond the wall or portal `group`, unless it is known: it is followed as far below its own start as
     /// the ray it came from.
     fn enter(&mut self, group: usize) {
@@ -388,23 +398,30 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             }
         }
 
+        let mirrored = ray.direction - face.normal * (2.0 * along);
+        // A unit vector but for rounding: one step of Newton's method towards the length 1.
+        let mirrored = mirrored * (1.5 - 0.5 * mirrored.length_squared());
         let diffuse = match material.uniform_scattering {
             Some(s) if s <= 0.0 => false,
             Some(s) => s >= 1.0 || self.stream.uniform() < s,
+            None if material.parts_bands && ray.reflections == 0 => {
+                // Where the bands part for the first time, following both ways spares each the others' decision: at
+                // scattering 0 to 0.9 the errors of four bands fall to 0.44-0.78 for 1.6 times the hits.
+                let mut child = *ray;
+                for (ray, share) in
+                    [(&mut child, material.scattering.map(|s| 1.0 - s)), (&mut *ray, material.scattering)]
+                {
+                    multiply(&mut ray.ratio, &share);
+                    multiply(&mut ray.weights, &share);
+                }
+                child.leave(hit, mirrored, false);
+                self.pending.push(child);
+                true
+            }
             None => self.decide(ray, &material.scattering),
         };
-        ray.direction = if diffuse {
-            self.stream.lambert(normal)
-        } else {
-            let mirrored = ray.direction - face.normal * (2.0 * along);
-            // A unit vector but for rounding: one step of Newton's method towards the length 1.
-            mirrored * (1.5 - 0.5 * mirrored.length_squared())
-        };
-        ray.last = if diffuse { Last::Diffuse } else { Last::Specular };
-        ray.diffuse |= diffuse;
-        ray.reflections += 1;
-        ray.position = hit.point;
-        ray.skip = Skip::reflected(hit);
+        let direction = if diffuse { self.stream.lambert(normal) } else { mirrored };
+        ray.leave(hit, direction, diffuse);
     }
 
     /// Specular or diffuse where the bands differ. All bands share one decision, drawn with the mean of their

@@ -23,9 +23,14 @@ pub(super) struct MaterialLanes<const N: usize> {
     pub(super) rain_probability: f64,
     /// The scattering where it is the same in all bands.
     pub(super) uniform_scattering: Option<f64>,
+    /// Whether the bands scatter so differently that one decision for all of them is costly.
+    pub(super) parts_bands: bool,
     /// Transmitted share of the incident energy.
     pub(super) transmission: Option<Lanes<N>>,
 }
+
+/// Mean square by which the bands' weights spread at one decision from which bands are parted.
+const COSTLY_SPREAD: f64 = 0.1;
 
 impl<const N: usize> MaterialLanes<N> {
     fn new(material: &Material) -> Self {
@@ -33,8 +38,14 @@ impl<const N: usize> MaterialLanes<N> {
         let first = material.scattering.first().copied().unwrap_or(0.0);
         let most = pairs().filter(|(a, _)| **a < 1.0).map(|(_, s)| *s).fold(0.0, f64::max);
         let rain_probability = if most > 0.0 { (0.1 + 2.0 * most).min(1.0) } else { 0.0 };
+        // One decision with the mean probability p multiplies a band's weight by s/p or (1 - s)/(1 - p): the mean square
+        // exceeds 1 by the variance of s over p (1 - p).
+        let bands = material.scattering.len().max(1) as f64;
+        let mean = material.scattering.iter().sum::<f64>() / bands;
+        let variance = material.scattering.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / bands;
         Self {
             rain_probability,
+            parts_bands: variance > COSTLY_SPREAD * mean * (1.0 - mean),
             reflected: lanes(material.absorption.iter().map(|a| 1.0 - a)),
             rain: lanes(pairs().map(|(a, s)| 4.0 * (1.0 - a) * s / rain_probability.max(f64::MIN_POSITIVE))),
             scattering: lanes(material.scattering.iter().copied()),
