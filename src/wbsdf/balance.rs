@@ -1,76 +1,32 @@
-//! The power balance of a crossing: one factor a direction, so that what a ray sends out is what the opening passes.
+//! The power balance of a crossing: what a ray sends out is what the opening passes.
 //!
-//! The share of a ray's power per outgoing direction is a product over the two sides of an opening and is symmetric in both
-//! directions, K(i, o) = K(o, i) (reciprocity), but its integral over the outgoing hemisphere is not exactly the opening's
-//! transmission T(i): the part of the lobe beyond grazing is cut off, and obliquity and lobe of one side do not know the
-//! other. A door 8 rad wide lost 10 % of a diffuse field so. Factors a with
-//!
-//!     a(i) int K(i, o) a(o) do = T(i)
-//!
-//! take the balance back and keep the symmetry (Sinkhorn's scaling of a symmetric kernel); they tend to 1 where the opening is
-//! wide.
+//! The share of a ray's power per outgoing direction is a product over the two sides of an opening. It is symmetric in both
+//! directions (reciprocity), but its integral over the outgoing hemisphere is not exactly the opening's transmission: the part of
+//! the lobe beyond grazing is cut off, and obliquity and lobe of one side do not know the other. A door 8 rad wide lost 10 % of a
+//! diffuse field so. One factor a band takes that back on the average over diffuse incidence and leaves the symmetry.
+
+use std::f64::consts::TAU;
 
 use glam::DVec3;
 
 /// Smallest cosine in the obliquity ratio: grazing rays carry no flux, and their weight stays bounded.
 pub(super) const MIN_COS: f64 = 0.05;
-/// Nodes over each of |s_x| and |s_y| / sqrt(1 - s_x^2), both 0 to 1.
-const NODES: usize = 6;
-/// Outgoing directions a node: the integral is known to about 1 %.
-const DIRECTIONS: usize = 192;
-/// Steps of the scaling; each takes the square root of what is left.
-const STEPS: usize = 6;
-/// Bounds of a factor: grazing directions, whose power is small, are not to be forced.
-const BOUNDS: [f64; 2] = [0.5, 2.0];
+/// Pairs of directions behind the factor: it is known to about 1 %.
+const DRAWS: usize = 8192;
 
-/// The factors of one band.
-pub(super) struct Balance([[f64; NODES]; NODES]);
-
-impl Balance {
-    /// No change.
-    pub(super) const NONE: Self = Self([[1.0; NODES]; NODES]);
-
-    /// The factors for a kernel that `draw`s an outgoing direction for an incident one from two uniform numbers, with K over
-    /// the density of the draw (`None` where it is evanescent), and for the transmission `passes` of an incident direction.
-    pub(super) fn new(draw: impl Fn(DVec3, [f64; 2]) -> Option<(DVec3, f64)>, passes: impl Fn(DVec3) -> f64) -> Self {
-        let at = |i: usize| i as f64 / (NODES - 1) as f64;
-        // The outermost directions, which carry nothing, stand a little inside.
-        let incident = |i: usize, j: usize| {
-            let (x, v) = (0.98 * at(i), 0.98 * at(j));
-            let y = v * (1.0 - x * x).sqrt();
-            DVec3::new(x, y, (1.0 - x * x - y * y).sqrt())
-        };
-        let kernel: Vec<(f64, Vec<(DVec3, f64)>)> = (0..NODES * NODES)
-            .map(|n| {
-                let s_i = incident(n / NODES, n % NODES);
-                // A Kronecker sequence.
-                let u = |m: usize, step: f64| (0.5 + (m + 1) as f64 * step).fract();
-                let drawn = (0..DIRECTIONS).filter_map(|m| draw(s_i, [u(m, 0.754_877_666), u(m, 0.569_840_291)]));
-                (passes(s_i), drawn.collect())
-            })
-            .collect();
-        let mut balance = Self::NONE;
-        for _ in 0..STEPS {
-            let mut next = balance.0;
-            for (n, (passes, drawn)) in kernel.iter().enumerate() {
-                let sent = drawn.iter().map(|(s_o, k)| k * balance.at(*s_o)).sum::<f64>() / DIRECTIONS as f64;
-                let factor = &mut next[n / NODES][n % NODES];
-                if sent > 0.0 {
-                    *factor = (*factor * passes / sent).sqrt().clamp(BOUNDS[0], BOUNDS[1]);
-                }
-            }
-            balance.0 = next;
-        }
-        balance
+/// The factor for a share of which `draw` gives a sample over its density, from an incident direction and two uniform numbers
+/// (0 where it is evanescent), and for the transmission `passes` of an incident direction.
+pub(super) fn diffuse_balance(draw: impl Fn(DVec3, [f64; 2]) -> f64, passes: impl Fn(DVec3) -> f64) -> f64 {
+    let (mut sent, mut passed) = (0.0, 0.0);
+    for n in 1..=DRAWS {
+        // A Kronecker sequence in four dimensions; incidence by Lambert's law.
+        let u = |step: f64| (0.5 + n as f64 * step).fract();
+        let (sin2, (sin, cos)) = (u(0.856_674_883_9), (TAU * u(0.733_891_856_6)).sin_cos());
+        let s_i = DVec3::new(sin2.sqrt() * cos, sin2.sqrt() * sin, (1.0 - sin2).sqrt());
+        sent += draw(s_i, [u(0.628_706_721_0), u(0.538_597_257_2)]);
+        passed += passes(s_i);
     }
-
-    /// The factor of a direction.
-    pub(super) fn at(&self, s: DVec3) -> f64 {
-        let (x, y) = (s.x.abs(), s.y.abs());
-        let ((i, fi), (j, fj)) = (place(x, NODES), place(y / (1.0 - x * x).max(1e-12).sqrt(), NODES));
-        let row = |i: usize| self.0[i][j] * (1.0 - fj) + self.0[i][j + 1] * fj;
-        row(i) * (1.0 - fi) + row(i + 1) * fi
-    }
+    if sent > 0.0 { passed / sent } else { 1.0 }
 }
 
 /// The product of the two directions' ratios O^2/(cos theta_i cos theta_o) is 1 on the shadow boundary, as it must be,
