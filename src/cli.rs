@@ -97,7 +97,7 @@ pub(crate) struct SweepArgs {
     #[command(flatten)]
     pub(crate) run: RunArgs,
     /// Write one WAV file a value as well: the recording as heard there, or the impulse response if none is given
-    #[arg(long, value_name = "DRY.wav", num_args = 0..=1, default_missing_value = "")]
+    #[arg(long, value_name = "DRY.wav", num_args = 0..=1, default_missing_value = "-")]
     pub(crate) listen: Option<PathBuf>,
 }
 

@@ -252,7 +252,7 @@ fn metrics_csv_leaves_undefined_quantities_empty() {
     assert_eq!(rows[0][column("t30_s")], "");
     assert_eq!(rows[0][column("ir_edt_s")], "0.512345678901");
     assert_eq!((rows[0][column("sti")].as_str(), rows[0][column("ir_g_db")].as_str()), ("0.625", "3.25"));
-    assert_eq!(rows[0][column("reliable")], "false");
+    assert_eq!(rows[0][column("reliable")], "true");
     assert_eq!(rows[0][column("note")], "T30: the decay spans only 31 dB, \"35\" are needed");
 }
 

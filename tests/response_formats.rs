@@ -153,8 +153,9 @@ fn speech_transmission_of_a_decay_and_of_noise_has_its_closed_form() {
         assert!((found - expected).abs() < 0.02, "{t60_s} s, {snr_db} dB: {found} {expected}");
     }
     let free = rendered(&reception(&[(0.01, 0.25, DVec3::X)], 0.0, 1.0), ProbeFormat::Omni);
-    assert!((speech_transmission_index(&free, f64::INFINITY).unwrap() - 1.0).abs() < 1e-6);
-    assert!((speech_transmission_index(&free, 0.0).unwrap() - 0.5).abs() < 0.01);
+    // 0.02: the lowest octave's filter lets an impulse last some milliseconds.
+    assert!((speech_transmission_index(&free, f64::INFINITY).unwrap() - 1.0).abs() < 0.02);
+    assert!((speech_transmission_index(&free, 0.0).unwrap() - 0.5).abs() < 0.02);
 }
 
 fn wav(path: &Path, rate: u32, samples: impl Iterator<Item = i16>) {

@@ -102,7 +102,7 @@ pub(super) fn steps(
     points: &[SweepPoint],
     dry: &Path,
 ) -> Result<Heard> {
-    let dry = (!dry.as_os_str().is_empty()).then(|| Dry::read(dry)).transpose()?;
+    let dry = (dry != Path::new("-")).then(|| Dry::read(dry)).transpose()?;
     let mut files = Vec::new();
     for (step, point) in points.iter().enumerate() {
         let scene = room.scene_at(overrides, parameter, point.value)?;

@@ -123,12 +123,10 @@ pub(super) fn of_curve(curve: EnergyCurve, band_hz: f64, traced: bool) -> Metric
     let mut t20 = decay.time(-5.0, -25.0, STRAIGHT);
     let mut t30 = decay.time(-5.0, -35.0, STRAIGHT);
     let curvature = t20.seconds.zip(t30.seconds).map(|(a, b)| b / a - 1.0);
-    if let Some(curvature) = curvature {
-        if curvature.abs() > CURVATURE {
-            let reason = format!("the decay is bent: T30 differs from T20 by {:.0} %", 100.0 * curvature);
-            t20.doubt(&reason);
-            t30.doubt(&reason);
-        }
+    if let Some(curvature) = curvature.filter(|c| c.abs() > CURVATURE) {
+        let reason = format!("the decay is bent: T30 differs from T20 by {:.0} %", 100.0 * curvature);
+        t20.doubt(&reason);
+        t30.doubt(&reason);
     }
     let share = |limit_s: f64| {
         let late = decay.energy_from(limit_s);
