@@ -354,7 +354,7 @@ impl Rectangles {
     /// Intensity in a band between two places in the openings' frame, as if nothing else stood in the way.
     pub(super) fn whole(&self, pair: &Pair<'_>, band: usize, from: DVec3, to: DVec3) -> f64 {
         let (scene, spectrum) = (pair.scene, &pair.spectra[band]);
-        let own = || self.alone(scene, band, spectrum).intensity(from, to, true).max(0.0);
+        let own = || self.alone(scene, band, spectrum).intensity(from, to).max(0.0);
         let Some(mirrored) = &self.mirrored else { return own() };
         let f = mirrored.factors[band];
         let alone = if f < 1.0 { (1.0 - f) * own() } else { 0.0 };
@@ -362,7 +362,7 @@ impl Rectangles {
             return alone;
         }
         let both = self.with_images(scene, mirrored, band, spectrum);
-        alone + f * both.intensity(from, to, true).max(0.0)
+        alone + f * both.intensity(from, to).max(0.0)
     }
 
     /// Whether the way from `from` to `to` crosses the openings and not their images: of two ways that are mirror images of each

@@ -252,12 +252,6 @@ impl Rectangle {
         self.parts.get(i).unwrap_or(self)
     }
 
-    /// Drops what it knows of the points it has met.
-    pub fn forget_points(&self) {
-        self.met.lock().unwrap_or_else(PoisonError::into_inner).clear();
-        self.parts.iter().for_each(Self::forget_points);
-    }
-
     fn edges(&self) -> &Rim {
         self.rim.get_or_init(|| Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum))
     }
@@ -274,10 +268,21 @@ impl Rectangle {
         self.receivers.of(receiver, || hatch.view(receiver))
     }
 
+    /// Drops what it knows of the points it has met.
+    pub fn forget_points(&self) {
+        self.sources.all().clear();
+        self.receivers.all().clear();
+        self.all_parts().for_each(Self::forget_points);
+    }
+
     /// Gives the memory back that is kept for receivers met so far; those of the sources stay.
     pub fn forget_receivers(&self) {
         self.receivers.all().clear();
-        self.parts.iter().chain(self.corner.get().map(AsRef::as_ref)).for_each(Self::forget_receivers);
+        self.all_parts().for_each(Self::forget_receivers);
+    }
+
+    fn all_parts(&self) -> impl Iterator<Item = &Self> {
+        self.parts.iter().chain(self.corner.get().map(AsRef::as_ref))
     }
 
     /// Share of the exact rectangle: it falls smoothly where the opening grows wide and where both points come near.
