@@ -184,8 +184,9 @@ impl BandApertures {
         // |p|^2 varies over the band like cos(k d), d at most twice the span and the depth: Gauss nodes converge
         // exponentially beyond a quarter of that phase.
         let smooth = 0.5 * (high - low) * (span + thickness_m);
-        let count =
-            if high > low { 4 + (smooth + resonant(openings, thickness_m, low, high)).ceil() as usize } else { 1 };
+        // Below half a radian four nodes, which are followed side by side, leave 1e-6.
+        let phase = Some(smooth + resonant(openings, thickness_m, low, high)).filter(|phase| *phase > 0.5);
+        let count = if high > low { 4 + phase.map_or(0, |phase| phase.ceil() as usize) } else { 1 };
         let solver = |k: f64| Solver::new(mask, thickness_m, k, 1);
         let most = if openings.len() > FEW && thickness_m == 0.0 { MOST_OF_MANY } else { MOST_FREQUENCIES };
         let nodes = gauss_nodes(low, high, count.min(most)).map(|(k, weight)| (weight, solver(k))).collect();
