@@ -118,8 +118,7 @@ pub(super) fn tables(verified: &Verified) -> String {
         text.push_str(&format!("\n{title}\n{}\n", table.trim_fmt()));
     };
 
-    let mut methods =
-        table(header(&["transport", "levels", "all octave bands", "tones", "time per level", "set-up"]), 1);
+    let mut methods = table(header(&["transport", "levels", "all octave bands", "tones", "a level", "set-up"]), 1);
     for method in &verified.methods {
         let octaves = verified.errors(method, |e| e.octave());
         methods.add_row([
@@ -131,7 +130,7 @@ pub(super) fn tables(verified: &Verified) -> String {
             time(Verified::set_up_s(verified.trials_of(method).filter(|t| t.case.mean == "octave"))),
         ]);
     }
-    add("By transport and ray budget; the longest set-up of a scene (tables that all its probes share)", methods);
+    add("By transport and ray budget: time a level, longest set-up of a scene (tables that all probes share)", methods);
 
     let Some(standard) = verified.standard() else { return text };
     let others = || verified.methods.iter().filter(|m| m.name != standard.name && m.name != "geometric");

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! On L = L_0 + i s the exponential no longer oscillates and no pole is passed (they all lie on the imaginary axis of eta): the
-//! sum along it stands in [`descent`](super::descent). Line sources have H0(k L) instead of exp(i k L)/L, plane waves
+//! sum along it stands in `wbsdf::descent`. Line sources have H0(k L) instead of exp(i k L)/L, plane waves
 //! exp(i k r cosh eta).
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
