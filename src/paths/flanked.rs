@@ -522,11 +522,8 @@ pub(super) fn replace<'a>(
         for (p, to) in probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order) {
             let found = views.iter().find_map(|view| {
                 let (z_s, z_p) = (view.end(from.origin)?.1, view.end(to.origin)?.1);
-                let way = |signs: [f64; 2]| view.flanked(pair, (s, p), signs);
-                match z_s * z_p < 0.0 {
-                    true => way([z_s.signum(), z_p.signum()]),
-                    false => way([z_s.signum(), -z_s.signum()]).or_else(|| way([-z_p.signum(), z_p.signum()])),
-                }
+                // Round a border of the opening's own wall back to the other side: left out.
+                (z_s * z_p < 0.0).then(|| view.flanked(pair, (s, p), [z_s.signum(), z_p.signum()])).flatten()
             });
             let Some(flanked) = found else { continue };
             let old = paths.iter().position(|(key, _)| *key == (s, p));
