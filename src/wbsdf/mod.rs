@@ -1,7 +1,6 @@
 //! The scientific core: how an opening or an edge scatters signed rays. No ray tracing in here.
 
 pub mod aperture;
-mod balance;
 pub mod chain;
 pub mod crossing;
 mod descent;
