@@ -74,7 +74,10 @@ impl Dry {
         let frames = self.samples.len();
         let input = InterleavedOwned::new_from(self.samples.clone(), 1, frames).map_err(|e| failed(&e))?;
         let output = resampler.process_all(&input, frames, None).map_err(|e| failed(&e))?;
-        Ok(Self { sample_rate_hz, samples: output.take_data() })
+        let mut samples = output.take_data();
+        // The resampler rounds up, by one sample too many where the ratio is not exact.
+        samples.truncate((frames as f64 * to as f64 / from as f64).round() as usize);
+        Ok(Self { sample_rate_hz, samples })
     }
 }
 

@@ -17,7 +17,9 @@ use super::energy::EnergyCurve;
 use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 
 /// Half width of the cross-fade between two bands, as a share of the narrower one's width in octaves.
-const CROSSFADE_SHARE: f64 = 1.0 / 6.0;
+///
+/// Narrow, so that a band keeps its own decay up to its edges; filters come before envelopes and ring unheard.
+const CROSSFADE_SHARE: f64 = 1.0 / 24.0;
 
 /// Window over which a band's noise is given constant power, in periods of its width.
 const LEVELLED: f64 = 4.0;

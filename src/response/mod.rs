@@ -237,6 +237,9 @@ pub fn render(
         let mut planner = RealFftPlanner::new();
         let mut shaper = Shaper::new(bands, rate, &mut planner);
         add_paths(reception, &target, &mut shaper, shift_s, &mut channels);
+        if curves.iter().any(|c| c.remaining_in_bins(0.0) > 0.0) {
+            match_early(reception, &mut channels, (end_s, shift_s), &mut shaper, &mut planner);
+        }
         let axis = late::TimeAxis { sample_rate_hz: rate, length, shift_s };
         for (c, samples) in channels.iter_mut().enumerate() {
             // Rays do not tell their direction: late sound comes evenly from everywhere, so that the harmonics are
@@ -316,6 +319,33 @@ fn add_paths(reception: &Reception, target: &[f64], shaper: &mut Shaper<'_>, shi
             }
         }
     }
+}
+
+/// Gives the early paths their own band energies before late sound is added, so that the ratio of early to late energy is that
+/// of the reception.
+fn match_early(
+    reception: &Reception,
+    channels: &mut [Vec<f64>],
+    (end_s, shift_s): (f64, f64),
+    shaper: &mut Shaper<'_>,
+    planner: &mut RealFftPlanner<f64>,
+) {
+    let beyond = |b: usize| -> f64 {
+        let late = reception.paths.iter().filter(|p| p.delay_s + shift_s >= end_s);
+        late.map(|p| p.intensity[b]).sum()
+    };
+    let levels = reception.levels.iter().take(shaper.bands().len()).enumerate();
+    let target: Vec<f64> = levels.map(|(b, l)| (l.early_share * l.intensity - beyond(b)).max(0.0)).collect();
+    let length = channels[0].len();
+    let used = channels[0].iter().rposition(|s| *s != 0.0).map_or(0, |last| last + 1);
+    if used == 0 || target.iter().all(|t| *t <= 0.0) {
+        return;
+    }
+    // Room for the gain to ring.
+    let used = (used + shaper.length() / 2).min(length);
+    channels.iter_mut().for_each(|samples| samples.truncate(used));
+    gain::match_bands(channels, &target, shaper, planner);
+    channels.iter_mut().for_each(|samples| samples.resize(length, 0.0));
 }
 
 /// Whether all bands have the same intensity.
