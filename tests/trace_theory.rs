@@ -235,7 +235,7 @@ fn openings_pass_what_the_exact_rectangle_passes_of_a_diffuse_field() {
 }
 
 #[test]
-#[ignore = "a measurement: openings lose up to 10 % where they are wide (docs/verification.md), narrow ones were not measured"]
+#[ignore = "not met: openings lose 6 to 17 % of a diffuse field (docs/verification.md)"]
 fn drawn_rays_carry_the_power_that_an_opening_passes() {
     // Of a diffuse field: the weights of crossings against the stated transmission, on average and for grazing incidence.
     let bands: Vec<Spectrum> = (0..6)
@@ -323,7 +323,7 @@ fn a_closing_door_takes_the_next_room_down_by_the_transmission_of_its_opening() 
 }
 
 #[test]
-#[ignore = "not met: few rays carry most of the level, errors do not fall as 1/sqrt(N) (docs/verification.md)"]
+#[ignore = "13 s: its numbers are in docs/verification.md"]
 fn a_live_pair_of_rooms_converges_ten_thousand_reflections_deep() {
     // 80 s of sound, 10 000 reflections; a ray crosses the door some hundred times.
     let mut scene = pair(2, [0.01, 0.01], ([1.5, 2.4], [0.0, 2.0]), 0.0);
