@@ -522,8 +522,15 @@ pub(super) fn replace<'a>(
         for (p, to) in probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order) {
             let found = views.iter().find_map(|view| {
                 let (z_s, z_p) = (view.end(from.origin)?.1, view.end(to.origin)?.1);
-                // Round a border of the opening's own wall back to the other side: left out.
-                (z_s * z_p < 0.0).then(|| view.flanked(pair, (s, p), [z_s.signum(), z_p.signum()])).flatten()
+                let way = |signs: [f64; 2]| view.flanked(pair, (s, p), signs);
+                // The mirror image in a face behind the wall may stand before it. Round a border of the opening's own wall back to
+                // the other side is left out.
+                let across = |tree: &ImageTree| Some(view.end(tree.images.first()?.origin)?.1);
+                match z_s * z_p < 0.0 {
+                    true => way([z_s.signum(), z_p.signum()]),
+                    false if across(source)? * across(probe)? >= 0.0 => None,
+                    false => way([z_s.signum(), -z_s.signum()]).or_else(|| way([-z_p.signum(), z_p.signum()])),
+                }
             });
             let Some(flanked) = found else { continue };
             let old = paths.iter().position(|(key, _)| *key == (s, p));

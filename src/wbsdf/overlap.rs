@@ -43,8 +43,13 @@ pub(super) struct SideFunctions {
 impl SideFunctions {
     /// For a side of `width_m` up to the wave number `k`.
     pub(super) fn new(width_m: f64, k: f64) -> Self {
+        Self::with(0, width_m, k)
+    }
+
+    /// The same with `more` functions than levels need.
+    pub(super) fn with(more: usize, width_m: f64, k: f64) -> Self {
         let (half_m, phase) = (0.5 * width_m, 0.5 * k * width_m);
-        let count = functions(phase).ceil() as usize;
+        let count = functions(phase).ceil() as usize + more;
         let mut nodes = Vec::new();
         let mut high = 2.0;
         for panel in 0..PANELS {
