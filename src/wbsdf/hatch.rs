@@ -277,7 +277,7 @@ fn nodes(side: &SideFunctions, x_m: f64, off_m: f64, k: f64) -> Nodes {
 pub fn transmission(width_m: f64, height_m: f64, thickness_m: f64, nodes: &[(f64, f64)]) -> f64 {
     let highest = nodes.iter().fold(0.0_f64, |k, node| k.max(node.0));
     // It is solved once: to 1e-4.
-    let sides = [width_m, height_m].map(|width| SideFunctions::with(2, width, highest));
+    let sides = [width_m, height_m].map(|width| SideFunctions::with(5, width, highest));
     let modes = (thickness_m > 0.0).then(|| [0, 1].map(|side| sides[side].modes()));
     let at = |k: f64| {
         // An even wave moves the first block only, and there the first function only.
