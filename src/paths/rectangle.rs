@@ -8,6 +8,7 @@ use std::sync::OnceLock;
 
 use glam::DVec3;
 use num_complex::Complex64;
+use rayon::prelude::*;
 
 use super::Pair;
 use super::flanked::Keyed;
@@ -231,12 +232,11 @@ impl Rectangles {
     /// Through openings that are not narrow the weakest ways, by a rule for screens, keep what the rule says, scaled to the others:
     /// together they bring less than [`WEAK`] of the whole.
     fn intensities(&self, scene: &Scene, spectra: &[Spectrum], ways: &[Way<'_>], places: &[DVec3]) -> Vec<Vec<f64>> {
-        let mut all = vec![vec![0.0; spectra.len()]; ways.len()];
         if scene.simulation.transport == Transport::Utd {
             // As pressures later.
-            return all;
+            return vec![vec![0.0; spectra.len()]; ways.len()];
         }
-        for (band, spectrum) in spectra.iter().enumerate() {
+        let in_band = |(band, spectrum): (usize, &Spectrum)| {
             let rough: Vec<f64> = ways.iter().map(|way| way.rough(band, spectrum)).collect();
             let mut order: Vec<usize> = (0..ways.len()).collect();
             order.sort_by(|a, b| rough[*b].total_cmp(&rough[*a]));
@@ -244,8 +244,9 @@ impl Rectangles {
             let weak = WEAK * left;
             let all_exact = ways.len() <= FEW_WAYS || self.narrowest_m() * spectrum.high_k() < SCREENS_KA;
             let (mut found, mut guessed) = (0.0, 0.0);
+            let mut values = vec![0.0; ways.len()];
             for i in order {
-                all[i][band] = if all_exact || left > weak || guessed == 0.0 {
+                values[i] = if all_exact || left > weak || guessed == 0.0 {
                     let value = self.intensity(scene, (band, spectrum), &ways[i], places);
                     (found, guessed) = (found + value, guessed + rough[i]);
                     value
@@ -258,8 +259,10 @@ impl Rectangles {
             solved
                 .chain(self.mirrored.iter().filter_map(|m| m.bands[band].get()))
                 .for_each(Rectangle::forget_receivers);
-        }
-        all
+            values
+        };
+        let bands: Vec<Vec<f64>> = spectra.par_iter().enumerate().map(in_band).collect();
+        (0..ways.len()).map(|way| bands.iter().map(|values| values[way]).collect()).collect()
     }
 
     fn narrowest_m(&self) -> f64 {

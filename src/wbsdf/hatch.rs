@@ -137,7 +137,7 @@ impl Hatch {
             let mut strengths = DVector::zeros(moments.len());
             let mut start = 0;
             for (first, even) in &at.blocks {
-                let size = first.l().nrows();
+                let size = first.lu_internal().nrows();
                 let own = moments.rows(start, size).into_owned();
                 let mut leaving = solved(first, &own);
                 if let Some(even) = even {
