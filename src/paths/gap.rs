@@ -265,14 +265,7 @@ impl Gap {
             let high = if opening[1].is_finite() { opening[1] } else { straight.max(opening[0]) + reach };
             for share in &SIGHT_PLACES[..places] {
                 let x = low + share * (high - low);
-                // The ray keeps its direction cosine along y: y divides like the distances across.
-                let y = match crossing.incident {
-                    Incident::Point { x_m, z_m, dy_m } => {
-                        let (into, out) = ((x - x_m).hypot(z_m), (crossing.x_m - x).hypot(crossing.z_m));
-                        receiver.y - dy_m * out / (into + out)
-                    }
-                    _ => receiver.y,
-                };
+                let y = along_m(crossing, x, receiver.y);
                 let at = self.frame.point(x, y);
                 tried += 1;
                 let (Some(a), Some(b)) =
@@ -292,14 +285,7 @@ impl Gap {
         let straight = crossing.straight_x_m();
         let nearest = mask.openings().iter().map(|o| straight.clamp(o[0], o[1]));
         let x = nearest.min_by(|a, b| (a - straight).abs().total_cmp(&(b - straight).abs())).unwrap_or(straight);
-        let y = match crossing.incident {
-            Incident::Point { x_m, z_m, dy_m } => {
-                let (into, out) = ((x - x_m).hypot(z_m), (crossing.x_m - x).hypot(crossing.z_m));
-                receiver_y_m - dy_m * out / (into + out)
-            }
-            _ => receiver_y_m,
-        };
-        self.frame.point(x, y)
+        self.frame.point(x, along_m(crossing, x, receiver_y_m))
     }
 
     pub(super) fn label(
@@ -315,6 +301,18 @@ impl Gap {
         let after = probe.images[p].planes.iter().rev().map(name);
         let parts: Vec<String> = before.chain([self.name.clone()]).chain(after).collect();
         parts.join(", ")
+    }
+}
+
+/// Where the ray over `x` crosses the plane along the edges, in m: it keeps its direction cosine along y, which therefore divides
+/// like the distances across.
+fn along_m(crossing: &Crossing, x: f64, receiver_y_m: f64) -> f64 {
+    match crossing.incident {
+        Incident::Point { x_m, z_m, dy_m } => {
+            let (into, out) = ((x - x_m).hypot(z_m), (crossing.x_m - x).hypot(crossing.z_m));
+            receiver_y_m - dy_m * out / (into + out)
+        }
+        _ => receiver_y_m,
     }
 }
 
