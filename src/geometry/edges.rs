@@ -7,16 +7,18 @@
 //! joined again, and sectors that the air of the sources and probes does not reach (the outside of a closed room) are
 //! dropped. Borders that an opening touches are left to its portal.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
+use rayon::prelude::*;
 
-use super::facet::PORTAL_BIT;
+use super::facet::{FacetShape, PORTAL_BIT};
 use super::patches::Topology;
 use super::planes::COPLANAR_M;
 use super::region::Region;
 use super::sheets::Sheet;
+use super::skins::{Leaf, Skins};
 use super::{Element, Geometry, Skip};
 use crate::scene::{Opening, Scene};
 
@@ -77,22 +79,51 @@ const ENDLESS_M: f64 = 1e7;
 /// All edges of the scene, in the order of their borders.
 pub(crate) fn find(scene: &Scene, geometry: &Geometry, sheets: &[Sheet]) -> Vec<Edge> {
     let finder = Finder::new(scene, geometry, sheets);
-    let mut edges = Vec::new();
-    for (i, sheet) in sheets.iter().enumerate() {
-        for (a, b) in sides(&sheet.ring) {
-            finder.border(finder.ordinals[i], a, b, &mut edges);
+    let of_sheets = sheets.iter().zip(&finder.ordinals);
+    let mut borders: Vec<Border> =
+        of_sheets.flat_map(|(sheet, &ordinal)| sides(&sheet.ring).map(move |(a, b)| (ordinal, a, b))).collect();
+    let skins = finder.add_mesh_borders(&mut borders);
+    let edges = borders.par_iter().flat_map_iter(|&border| finder.border(border, &skins)).collect();
+    let mut region = Region::new(scene, geometry);
+    let mut edges = within(&mut region, geometry, join(edges));
+    edges.par_iter_mut().for_each(|edge| {
+        edge.on_surface = [(0.0, -1.0), (edge.length_m, 1.0)].map(|(end, sign)| stands(geometry, edge, end, sign));
+    });
+    edges
+}
+
+/// A border to look along: the rank of its sheet or mesh facet, and its ends, relative to the scene's centre.
+type Border = (usize, DVec3, DVec3);
+
+/// An edge and the skin its first face belongs to, if that is a mesh's.
+struct Found {
+    edge: Edge,
+    skin: Option<usize>,
+}
+
+/// As many edges of a skin are asked where they lie; all others lie there too if these agree.
+const ASKED: usize = 16;
+
+/// The edges that the air of the sources and probes reaches.
+fn within(region: &mut Region, geometry: &Geometry, found: Vec<Found>) -> Vec<Edge> {
+    let mut of_skin: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (i, found) in found.iter().enumerate() {
+        if let Some(skin) = found.skin {
+            of_skin.entry(skin).or_default().push(i);
         }
     }
-    for (facet, a, b) in finder.mesh_borders() {
-        finder.border(sheets.len() + facet, a, b, &mut edges);
+    let mut known = vec![None; found.len()];
+    for edges in of_skin.into_values().filter(|edges| edges.len() > ASKED) {
+        let mut asked = (0..ASKED).map(|n| lies_in(region, geometry, &found[edges[n * edges.len() / ASKED]].edge));
+        let inside = asked.next();
+        if asked.all(|other| Some(other) == inside) {
+            edges.into_iter().for_each(|i| known[i] = inside);
+        }
     }
-    let mut region = Region::new(scene, geometry);
-    let mut edges = join(edges);
-    edges.retain(|e| lies_in(&mut region, geometry, e));
-    for edge in &mut edges {
-        edge.on_surface = [(0.0, -1.0), (edge.length_m, 1.0)].map(|(end, sign)| stands(geometry, edge, end, sign));
-    }
-    edges
+    let lies = |(found, known): (Found, Option<bool>)| {
+        known.unwrap_or_else(|| lies_in(region, geometry, &found.edge)).then_some(found.edge)
+    };
+    found.into_iter().zip(known).filter_map(lies).collect()
 }
 
 /// Numbers the edges that share a name: `barrier edge`, `barrier edge 2`, ...
@@ -161,6 +192,13 @@ fn sides(ring: &[DVec3]) -> impl Iterator<Item = (DVec3, DVec3)> {
     ring.iter().enumerate().map(|(i, &a)| (a, ring[(i + 1) % ring.len()]))
 }
 
+/// How a mesh facet leaves one of its sides, which starts at `a` and runs along the unit vector `along`.
+fn leaf(facet: usize, shape: &FacetShape, a: DVec3, along: DVec3) -> Leaf {
+    let middle = shape.corner + (shape.side_u + shape.side_v) / 3.0 - a;
+    let into = (middle - along * middle.dot(along)).normalize_or_zero();
+    Leaf { facet, normal: shape.normal, into }
+}
+
 /// A sheet or mesh triangle that contains the line of a border, in coordinates (along the line, beside it) in m.
 struct Flat {
     parts: Vec<Vec<[f64; 2]>>,
@@ -215,46 +253,47 @@ impl<'a> Finder<'a> {
         element & PORTAL_BIT == 0 && self.geometry.of_mesh.contains(&(element as usize))
     }
 
-    /// Sides of mesh facets that are not obviously flat: (facet, start, end), relative to the scene's centre.
-    fn mesh_borders(&self) -> Vec<(usize, DVec3, DVec3)> {
-        if !self.has_mesh {
-            return Vec::new();
-        }
+    /// Adds the sides of mesh facets that are not obviously flat; gives which sides of facets belong together.
+    fn add_mesh_borders(&self, borders: &mut Vec<Border>) -> Skins {
         let shapes = &self.geometry.tree.shapes;
+        let mut skins = Skins::new(shapes.len());
+        if !self.has_mesh {
+            return skins;
+        }
         let facets: Vec<usize> = (0..shapes.len()).filter(|&i| self.is_mesh(i)).collect();
         let rings: Vec<Vec<DVec3>> = facets.iter().map(|&i| shapes[i].ring()).collect();
         let topology = Topology::new(rings.iter().map(|r| r.as_slice()), COPLANAR_M);
-        let mut borders = Vec::new();
         for (n, (ring, ids)) in rings.iter().zip(&topology.rings).enumerate() {
             for (k, (a, b)) in sides(ring).enumerate() {
                 let (i, j) = (ids[k], ids[(k + 1) % ids.len()]);
                 let Some(sharing) = topology.sides.get(&(i.min(j), i.max(j))) else { continue };
-                if let [p, q] = sharing[..] {
-                    let (p, q) = (&shapes[facets[p]], &shapes[facets[q]]);
-                    let along = b - a;
-                    let into = |s: &super::facet::FacetShape| {
-                        let middle = s.corner + (s.side_u + s.side_v) / 3.0 - a;
-                        (middle - along * (middle.dot(along) / along.length_squared())).normalize_or_zero()
-                    };
-                    if p.plane == q.plane || into(p).dot(into(q)) <= -FLAT.cos() {
-                        continue;
-                    }
+                let along = (b - a).normalize_or_zero();
+                let leaf = |p: &usize| leaf(facets[*p], &shapes[facets[*p]], a, along);
+                let leaves: Vec<Leaf> = sharing.iter().map(leaf).collect();
+                if sharing[0] == n {
+                    skins.join(along, &leaves);
                 }
-                borders.push((facets[n], a, b));
+                if let [p, q] = &leaves[..]
+                    && (shapes[p.facet].plane == shapes[q.facet].plane || p.into.dot(q.into) <= -FLAT.cos())
+                {
+                    continue;
+                }
+                borders.push((self.sheets.len() + facets[n], a, b));
             }
         }
-        borders
+        skins
     }
 
-    /// Adds the edges along the border from `a` to `b` of the sheet with this ordinal.
-    fn border(&self, ordinal: usize, a: DVec3, b: DVec3, edges: &mut Vec<Edge>) {
+    /// The edges along a border.
+    fn border(&self, (ordinal, a, b): Border, skins: &Skins) -> Vec<Found> {
+        let mut edges = Vec::new();
         let length = (b - a).length();
         if length <= 4.0 * BESIDE_M {
-            return;
+            return edges;
         }
         let along = (b - a) / length;
         let flats = self.flats(a, along, length);
-        let Some(zero) = flats.iter().find(|f| f.ordinal == ordinal).map(|f| f.beside) else { return };
+        let Some(zero) = flats.iter().find(|f| f.ordinal == ordinal).map(|f| f.beside) else { return edges };
         let up = along.cross(zero);
         let mut cuts = vec![0.0, length];
         for flat in &flats {
@@ -272,8 +311,13 @@ impl<'a> Finder<'a> {
             }
             let Some((first, second, angle)) = widest_air(merge(halves)) else { continue };
             let (from, to) = (a + along * w[0], a + along * w[1]);
-            edges.push(self.edge(from, to, along, [first, second], angle));
+            let skin = first.ordinal.checked_sub(self.sheets.len()).map(|facet| {
+                let normal = self.geometry.tree.shapes[facet].normal;
+                skins.of(&Leaf { facet, normal, into: first.into }, along)
+            });
+            edges.push(Found { edge: self.edge(from, to, along, [first, second], angle), skin });
         }
+        edges
     }
 
     /// The edge, its direction turned to growing x (else y, else z), so that parts of one edge found from different
@@ -450,7 +494,8 @@ fn widest_air(halves: Vec<Half>) -> Option<(Half, Half, f64)> {
 }
 
 /// Joins parts of one edge that follow each other.
-fn join(edges: Vec<Edge>) -> Vec<Edge> {
+fn join(found: Vec<Found>) -> Vec<Found> {
+    let edges: Vec<&Edge> = found.iter().map(|found| &found.edge).collect();
     let key = |p: DVec3| (p / COPLANAR_M).to_array().map(|v| v.round() as i64);
     let mut starts: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
     for (i, e) in edges.iter().enumerate() {
@@ -469,7 +514,7 @@ fn join(edges: Vec<Edge>) -> Vec<Edge> {
     let mut is_first = vec![true; edges.len()];
     for (i, e) in edges.iter().enumerate() {
         let followers = starts.get(&key(e.point(e.length_m)));
-        next[i] = followers.into_iter().flatten().copied().find(|&j| j != i && is_first[j] && continues(e, &edges[j]));
+        next[i] = followers.into_iter().flatten().copied().find(|&j| j != i && is_first[j] && continues(e, edges[j]));
         if let Some(j) = next[i] {
             is_first[j] = false;
         }
@@ -481,7 +526,8 @@ fn join(edges: Vec<Edge>) -> Vec<Edge> {
             last = j;
         }
         let end = edges[last].point(edges[last].length_m);
-        joined.push(Edge { length_m: (end - e.start).length(), ..e.clone() });
+        let edge = Edge { length_m: (end - e.start).length(), ..(*e).clone() };
+        joined.push(Found { edge, skin: found[i].skin });
     }
     joined
 }

@@ -19,6 +19,7 @@ mod query;
 mod region;
 mod screen;
 mod sheets;
+mod skins;
 mod surfaces;
 mod walk;
 

@@ -86,7 +86,8 @@ pub(crate) fn patches(mesh: &Mesh, book: &mut PlaneBook, weld_m: f64) -> Vec<Pat
     patches
 }
 
-fn root(parent: &mut [usize], mut i: usize) -> usize {
+/// The root of `i` in a forest of parents, whose ways to it are halved.
+pub(crate) fn root(parent: &mut [usize], mut i: usize) -> usize {
     while parent[i] != i {
         parent[i] = parent[parent[i]];
         i = parent[i];
