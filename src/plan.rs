@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use glam::DVec3;
 
 use crate::error::Warning;
-use crate::geometry::{Element, Geometry, Skip};
-use crate::paths::{EdgeReach, ImageTree, edge_reach, merged_images};
+use crate::geometry::{Element, Enclosure, FINE_M, Geometry, Skip};
+use crate::paths::{EdgeReach, ImageTree, MOST_EDGES, edge_reach, merged_images};
 use crate::scene::{Edges, Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::mask::Mask;
@@ -116,6 +116,8 @@ pub struct Plan {
 
 /// Most image sources per source or probe.
 const MAX_IMAGES: f64 = 50_000.0;
+/// Most edges that the plan lists in words.
+const LISTED: usize = 24;
 /// Echogram bin in s.
 const BIN_S: f64 = 1e-3;
 /// Bounds of the echogram's length in s.
@@ -147,15 +149,18 @@ impl Plan {
                 remedy: format!("reflection order {reflection_order} is used; traced rays carry the rest"),
             });
         }
-        warnings.extend(modes_warning(scene, geometry));
-        let (traced, untraced_why) = trace_part(scene, geometry, reflection_order);
+        let edges = edge_reach(scene, geometry);
+        warnings.extend(edges_warnings(&edges, geometry.fine_edges));
+        let rooms = closed_rooms(scene, geometry);
+        warnings.extend(modes_warning(scene, &rooms));
+        let (traced, untraced_why) = trace_part(scene, geometry, reflection_order, &rooms);
         Self {
             transport: scene.simulation.transport,
             adds_pressures: scene.adds_pressures(),
             reflection_order,
             images,
             portals: portal_plans(scene),
-            edges: edge_reach(scene, geometry),
+            edges,
             traced,
             untraced_why,
             warnings,
@@ -198,7 +203,7 @@ impl Plan {
                 let _ = writeln!(out, "  {range:<18} {}{ka}", first.model.name());
             }
         }
-        for edge in &self.edges {
+        for edge in self.edges.iter().take(LISTED) {
             if edge.felt {
                 let _ = writeln!(out, "Edge \"{}\": modelled (in reach of a source and a probe).", edge.name);
             } else {
@@ -208,6 +213,10 @@ impl Plan {
                     edge.name, edge.bound_db
                 );
             }
+        }
+        if self.edges.len() > LISTED {
+            let felt = self.edges.iter().filter(|edge| edge.felt).count();
+            let _ = writeln!(out, "... of {} edges in all {felt} are modelled.", self.edges.len());
         }
         match (&self.traced, &self.untraced_why) {
             (Some(part), _) => {
@@ -308,7 +317,14 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
 }
 
 /// Whether anything is left for traced rays, and for how long.
-fn trace_part(scene: &Scene, geometry: &Geometry, order: usize) -> (Option<TracePart>, Option<String>) {
+///
+/// `rooms`: reverberation times in s and volumes in m^3.
+fn trace_part(
+    scene: &Scene,
+    geometry: &Geometry,
+    order: usize,
+    rooms: &[(f64, f64)],
+) -> (Option<TracePart>, Option<String>) {
     let points = || scene.sources.iter().filter(|s| s.kind == SourceKind::Point);
     if points().next().is_none() {
         return (None, Some("line sources and plane waves have the deterministic paths only".to_owned()));
@@ -358,7 +374,7 @@ fn trace_part(scene: &Scene, geometry: &Geometry, order: usize) -> (Option<Trace
         (true, false) => "surfaces scatter".to_owned(),
         (false, true) => format!("sound is reflected more than {order} times"),
     };
-    let reverberation_s = reverberation(scene, geometry);
+    let reverberation_s = rooms.iter().map(|(seconds, _)| *seconds).reduce(f64::max);
     let length = scene.output.response_length_s.unwrap_or_else(|| match reverberation_s {
         Some(t) => 1.2 * t,
         None => 4.0 * farthest(scene) / scene.air.speed_of_sound_m_s + 0.2,
@@ -367,15 +383,17 @@ fn trace_part(scene: &Scene, geometry: &Geometry, order: usize) -> (Option<Trace
     (Some(TracePart { why, length_s, bin_s: BIN_S, reverberation_s }), None)
 }
 
-/// The longest Eyring reverberation time in s of any source's or probe's room and band; `None` if none is closed.
-fn reverberation(scene: &Scene, geometry: &Geometry) -> Option<f64> {
-    closed_rooms(scene, geometry).map(|(seconds, _)| seconds).reduce(f64::max)
-}
-
 /// Longest Eyring reverberation time in s of any band, and volume in m^3, of each source's and probe's room if it is closed.
-fn closed_rooms(scene: &Scene, geometry: &Geometry) -> impl Iterator<Item = (f64, f64)> {
-    let positions = scene.sources.iter().map(|s| s.position_m).chain(scene.probes.iter().map(|p| p.position_m));
-    positions.filter_map(|p| geometry.enclosure(p, &scene.materials)).filter_map(|room| {
+/// Of positions that see each other one is asked.
+fn closed_rooms(scene: &Scene, geometry: &Geometry) -> Vec<(f64, f64)> {
+    let mut asked: Vec<DVec3> = Vec::new();
+    for position in scene.sources.iter().map(|s| s.position_m).chain(scene.probes.iter().map(|p| p.position_m)) {
+        if asked.iter().all(|other| geometry.blocked(*other, position, Skip::NONE, Skip::NONE)) {
+            asked.push(position);
+        }
+    }
+    let rooms = asked.into_iter().filter_map(|p| geometry.enclosure(p, &scene.materials));
+    let seconds_and_volume = |room: Enclosure| {
         let decay = 24.0 * std::f64::consts::LN_10 / scene.air.speed_of_sound_m_s;
         let bands = room.absorption.iter().zip(&scene.air.attenuation_per_m);
         let seconds = bands.map(|(a, m)| {
@@ -383,13 +401,37 @@ fn closed_rooms(scene: &Scene, geometry: &Geometry) -> impl Iterator<Item = (f64
             decay * room.volume_m3 / absorbed.max(1e-9)
         });
         Some((seconds.reduce(f64::max)?, room.volume_m3))
-    })
+    };
+    rooms.filter_map(seconds_and_volume).collect()
+}
+
+/// Edges of meshes that are not modelled, `fine` of them as they belong to small faces.
+fn edges_warnings(edges: &[EdgeReach], fine: usize) -> Vec<Warning> {
+    let mut warnings = Vec::new();
+    if fine > 0 {
+        warnings.push(Warning {
+            observation: format!(
+                "{fine} edges of meshes lie between faces less than {FINE_M} m deep and do not diffract"
+            ),
+            remedy: "the scattering of their materials stands for what they do; larger faces have edges".to_owned(),
+        });
+    }
+    if edges.len() > MOST_EDGES {
+        let felt = edges.iter().filter(|edge| edge.felt).count();
+        warnings.push(Warning {
+            observation: format!(
+                "of {} edges the {felt} strongest diffract, those nearest to the direct sound",
+                edges.len()
+            ),
+            remedy: "leave small things out of the mesh, or set simulation.edges = \"openings\"".to_owned(),
+        });
+    }
+    warnings
 }
 
 /// Below 2000 sqrt(T/V) Hz (T in s, V in m^3; Schroeder 1962) a room answers with single modes.
-fn modes_warning(scene: &Scene, geometry: &Geometry) -> Option<Warning> {
-    let schroeder_hz =
-        closed_rooms(scene, geometry).map(|(t, volume)| 2000.0 * (t / volume).sqrt()).reduce(f64::max)?;
+fn modes_warning(scene: &Scene, rooms: &[(f64, f64)]) -> Option<Warning> {
+    let schroeder_hz = rooms.iter().map(|(t, volume)| 2000.0 * (t / volume).sqrt()).reduce(f64::max)?;
     scene.bands.first().filter(|band| band.low_hz < schroeder_hz).map(|_| Warning {
         observation: format!("below the Schroeder frequency of {schroeder_hz:.0} Hz the room has single modes, which are not modelled"),
         remedy: "levels there are those of many rooms like this one; interference = true adds the first reflections as pressures"

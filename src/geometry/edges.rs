@@ -76,8 +76,14 @@ const INTO_AIR_M: f64 = 1e-4;
 /// Half the length in m of an edge without ends.
 const ENDLESS_M: f64 = 1e7;
 
-/// All edges of the scene, in the order of their borders.
-pub(crate) fn find(scene: &Scene, geometry: &Geometry, sheets: &[Sheet]) -> Vec<Edge> {
+/// Depth in m of the deeper face, its area over the edge's length, below which an edge of a mesh is left out.
+///
+/// The field of a wedge takes its faces as endless. Round a relief finer than a wavelength these fields do not add up to what
+/// the relief does, which is to scatter; that its scattering coefficient says.
+pub const FINE_M: f64 = 0.3;
+
+/// All edges of the scene, in the order of their borders, and how many of meshes are left out as too fine.
+pub(crate) fn find(scene: &Scene, geometry: &Geometry, sheets: &[Sheet]) -> (Vec<Edge>, usize) {
     let finder = Finder::new(scene, geometry, sheets);
     let of_sheets = sheets.iter().zip(&finder.ordinals);
     let mut borders: Vec<Border> =
@@ -86,10 +92,18 @@ pub(crate) fn find(scene: &Scene, geometry: &Geometry, sheets: &[Sheet]) -> Vec<
     let edges = borders.par_iter().flat_map_iter(|&border| finder.border(border, &skins)).collect();
     let mut region = Region::new(scene, geometry);
     let mut edges = within(&mut region, geometry, join(edges));
+    let found = edges.len();
+    let mesh = geometry.surfaces[geometry.of_mesh.clone()].iter();
+    let areas_m2: HashMap<usize, f64> = mesh.map(|s| (s.group, s.area_m2)).collect();
+    edges.retain(|edge| {
+        let depth_m = |group: &usize| areas_m2.get(group).map_or(f64::INFINITY, |area| area / edge.length_m);
+        edge.groups.iter().map(depth_m).fold(0.0, f64::max) >= FINE_M
+    });
+    let fine = found - edges.len();
     edges.par_iter_mut().for_each(|edge| {
         edge.on_surface = [(0.0, -1.0), (edge.length_m, 1.0)].map(|(end, sign)| stands(geometry, edge, end, sign));
     });
-    edges
+    (edges, fine)
 }
 
 /// A border to look along: the rank of its sheet or mesh facet, and its ends, relative to the scene's centre.

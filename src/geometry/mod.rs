@@ -32,9 +32,9 @@ use crate::scene::{Edges, Frame, MaterialId, Scene, Simulation, Transport};
 use bvh::FacetTree;
 use screen::Screen;
 
-pub use edges::Edge;
+pub use edges::{Edge, FINE_M};
 pub use enclosure::Enclosure;
-pub use planes::Plane;
+pub use planes::{Outline, Plane};
 pub use surfaces::face_frame;
 
 /// What a ray meets.
@@ -133,6 +133,8 @@ pub struct Geometry {
     pub portals: Vec<Portal>,
     /// Edges that diffract, openings' own edges not counted but those of half-planes; no others unless `edges = "auto"`.
     pub edges: Vec<Edge>,
+    /// Edges of meshes that are left out, as both their faces are less than [`FINE_M`] deep: scattering stands for them.
+    pub fine_edges: usize,
     /// Point near the middle of the geometry in m; internal coordinates are relative to it.
     pub centre_m: DVec3,
     /// Largest distance of a corner from the centre in m.
@@ -161,6 +163,7 @@ impl Geometry {
             surfaces: parts.surfaces,
             portals: parts.portals,
             edges: Vec::new(),
+            fine_edges: 0,
             centre_m,
             extent_m,
             planes: parts.book.planes,
@@ -168,8 +171,9 @@ impl Geometry {
             of_mesh: parts.of_mesh,
             tolerance_m: margin_m,
         };
+        geometry.outline_planes();
         if scene.simulation.edges == Edges::Auto && scene.simulation.transport != Transport::Geometric {
-            geometry.edges = edges::find(scene, &geometry, &parts.sheets);
+            (geometry.edges, geometry.fine_edges) = edges::find(scene, &geometry, &parts.sheets);
         }
         if has_portals(&scene.simulation) {
             let mut half_planes = edges::half_planes(scene, &geometry);
@@ -182,6 +186,19 @@ impl Geometry {
     /// The distinct planes, each with its surfaces; indexed by plane id.
     pub fn planes(&self) -> &[Plane] {
         &self.planes
+    }
+
+    /// Finds the rectangles of the planes that hold nothing unbounded.
+    fn outline_planes(&mut self) {
+        let surfaces = &self.surfaces;
+        for shape in &self.tree.shapes {
+            let plane = &mut self.planes[shape.plane as usize];
+            let Some(first) = plane.surfaces.first() else { continue };
+            if plane.surfaces.iter().all(|s| surfaces[*s].area_m2.is_finite()) {
+                let frame = &surfaces[*first].frame;
+                shape.corners().for_each(|corner| plane.widen([frame.x, frame.y], corner + self.centre_m));
+            }
+        }
     }
 
     /// Number of triangles and parallelograms that rays are tested against.

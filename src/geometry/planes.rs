@@ -13,6 +13,17 @@ pub struct Plane {
     pub normal: DVec3,
     /// Indices of its surfaces in [`super::Geometry::surfaces`], ascending.
     pub surfaces: Vec<usize>,
+    /// The rectangle of what lies in it; `None` if that is unbounded.
+    pub outline: Option<Outline>,
+}
+
+/// A rectangle in a plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outline {
+    /// Unit vectors along its sides.
+    pub axes: [DVec3; 2],
+    /// Limits in m along them, counted from the plane's point.
+    pub limits_m: [[f64; 2]; 2],
 }
 
 /// How far in m surfaces may lie apart and still share a plane.
@@ -24,6 +35,24 @@ const CELL: f64 = 1e-3;
 /// Share of a cell next to its border from which the neighbouring cell is searched too: triangles of 1 cm with corners
 /// rounded to 1e-6 m tilt by a tenth of a cell.
 const BORDER: f64 = 0.1;
+
+impl Plane {
+    /// The corners of its outline in m, in order; empty if it is unbounded.
+    pub fn corners_m(&self) -> Vec<DVec3> {
+        let Some(Outline { axes: [u, v], limits_m: [[u0, u1], [v0, v1]] }) = self.outline else { return Vec::new() };
+        [[u0, v0], [u1, v0], [u1, v1], [u0, v1]].map(|[a, b]| self.point_m + u * a + v * b).to_vec()
+    }
+
+    /// Widens the outline, whose sides have the directions `axes`, to `point` in m.
+    pub(crate) fn widen(&mut self, axes: [DVec3; 2], point: DVec3) {
+        let none = Outline { axes, limits_m: [[f64::INFINITY, f64::NEG_INFINITY]; 2] };
+        let outline = self.outline.get_or_insert(none);
+        for (axis, [low, high]) in outline.axes.iter().zip(&mut outline.limits_m) {
+            let along = (point - self.point_m).dot(*axis);
+            (*low, *high) = (low.min(along), high.max(along));
+        }
+    }
+}
 
 /// Hands out plane ids, in near-linear time.
 pub(crate) struct PlaneBook {
@@ -45,7 +74,7 @@ impl PlaneBook {
             return id;
         }
         let id = self.planes.len();
-        self.planes.push(Plane { point_m, normal, surfaces: Vec::new() });
+        self.planes.push(Plane { point_m, normal, surfaces: Vec::new(), outline: None });
         for sign in [1.0, -1.0] {
             let key = self.cell(normal * sign, point_m).map(|c| c.floor() as i64);
             self.cells.entry(key).or_default().push(id);

@@ -9,7 +9,7 @@ use std::f64::consts::FRAC_PI_4;
 use glam::{DVec2, DVec3};
 use num_complex::Complex64;
 
-use super::edge::Heard;
+use super::edge::{Heard, Reached};
 use super::images::Origin;
 use super::reach::FELT_FRESNEL;
 use super::wave::{Sound, Wave};
@@ -131,19 +131,31 @@ impl<'a> Two<'a> {
 ///
 /// Where pressures are asked for, the same as pressures to `waves`.
 pub(super) fn add<'a>(pair: &Pair<'a>, paths: &mut Vec<Specular>, waves: &mut Vec<Wave<'a>>) {
-    let &Pair { scene, geometry, kind, source, probe, order, .. } = pair;
+    let &Pair { scene, kind, source, probe, order, edges, reached, .. } = pair;
     if scene.simulation.diffraction_order < 2
         || matches!(scene.simulation.transport, Transport::Geometric | Transport::Paraxial)
     {
         return;
     }
-    for first in &geometry.edges {
-        for second in geometry.edges.iter().filter(|second| !std::ptr::eq(*second, first)) {
+    // Of each edge the images of source and probe that reach it.
+    let images = |reached: &Reached| {
+        let mut of_edge = vec![Vec::new(); edges.len()];
+        for (image, met) in reached.iter().enumerate() {
+            met.iter().for_each(|(edge, _)| of_edge[*edge].push(image));
+        }
+        of_edge
+    };
+    let [sources, probes] = reached.map(images);
+    for (i, (first, _)) in edges.iter().enumerate() {
+        for (j, (second, _)) in edges.iter().enumerate().filter(|(j, _)| *j != i) {
             let Some(two) = Two::new(first, second) else { continue };
-            for (s, from) in source.images.iter().enumerate() {
-                for (p, to) in
-                    probe.images.iter().enumerate().filter(|(_, to)| from.planes.len() + to.planes.len() <= order)
-                {
+            for &s in &sources[i] {
+                let from = &source.images[s];
+                for &p in &probes[j] {
+                    let to = &probe.images[p];
+                    if from.planes.len() + to.planes.len() > order {
+                        continue;
+                    }
                     let Origin::At(receiver) = to.origin else { continue };
                     if let Some(chain) = two.chain(from.origin, kind, receiver) {
                         let over = Over { pair, two: &two, chain, images: [s, p], receiver };

@@ -8,8 +8,12 @@
 //! boundary. Absorbing faces: the terms of a face carry its pressure reflection factor (Luebbers 1984).
 
 use super::bend::{Bend, Ends, Ray, Sent, Way, send};
-use super::images::{Image, Origin};
-use super::reach::{EdgeReach, Place, place};
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::beam::may_reach;
+use super::images::{Image, ImageTree, Origin};
+use super::reach::{Place, place};
 use super::smooth::{NODES, Nodes};
 use super::wave::Wave;
 use super::{Pair, Specular};
@@ -26,52 +30,60 @@ const JOINED_FRESNEL: [f64; 2] = [0.0, 1.0];
 /// Relative change of an intensity below which an edge is left out (0.0004 dB).
 const UNHEARD: f64 = 1e-4;
 
+/// Of each image of a source or probe the edges that its sound may reach, as indices in their list, and where it stands
+/// about them.
+pub(super) type Reached = Vec<Vec<(usize, Place)>>;
+
+/// What the images of a tree reach of `edges`; `between_ends`: whether ways over an edge pass between its ends, as those
+/// of point sources do.
+pub(super) fn reached(tree: &ImageTree, geometry: &Geometry, edges: &[(&Edge, bool)], between_ends: bool) -> Reached {
+    let ends: Vec<[DVec3; 2]> = edges.iter().map(|(edge, _)| [edge.start, edge.point(edge.length_m)]).collect();
+    let of_image = |(i, image): (usize, &Image)| {
+        let of_edge = |(e, (edge, _)): (usize, &(&Edge, bool))| {
+            let about = match image.origin {
+                Origin::At(at) => place(edge, at),
+                Origin::Along(_) => Place::NONE,
+            };
+            let outside = about.phi > edge.exterior_angle + 1e-9;
+            let dark = || between_ends && !may_reach(&tree.images, geometry, i, &ends[e]);
+            (!outside && !dark()).then_some((e, about))
+        };
+        edges.iter().enumerate().filter_map(of_edge).collect()
+    };
+    tree.images.par_iter().enumerate().map(of_image).collect()
+}
+
 /// Adds the paths over all felt edges, and what edges in sight change, to `paths`; where pressures are asked for, also what
 /// the edges send to `waves`.
-pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Specular>, waves: &mut Vec<Wave<'a>>) {
-    let &Pair { geometry, source, probe, order, .. } = pair;
-    let felt: Vec<&'a Edge> =
-        geometry.edges.iter().zip(reaches).filter(|(_, reach)| reach.felt).map(|(e, _)| e).collect();
-    if felt.is_empty() {
+pub(super) fn add<'a>(pair: &Pair<'a>, paths: &mut Vec<Specular>, waves: &mut Vec<Wave<'a>>) {
+    let &Pair { geometry, source, probe, order, edges, reached: [sources, probes], .. } = pair;
+    if edges.iter().all(|(_, felt)| !felt) {
         return;
     }
     // What the edges change is reckoned from the undisturbed intensities.
     let specular = paths.len();
     let undisturbed: Vec<Vec<f64>> = paths.iter().map(|path| path.path.intensity.clone()).collect();
     let mut heard = Heard::new(pair, paths);
-    let about = |image: &Image| -> Vec<Place> {
-        felt.iter().map(|edge| if let Origin::At(at) = image.origin { place(edge, at) } else { Place::NONE }).collect()
-    };
-    let sources: Vec<Vec<Place>> = source.images.iter().map(about).collect();
-    let probes: Vec<Vec<Place>> = probe.images.iter().map(about).collect();
-    for (s, from) in source.images.iter().enumerate() {
-        for (p, to) in probe.images.iter().enumerate() {
+    for (s, from) in source.images.iter().enumerate().filter(|(s, _)| !sources[*s].is_empty()) {
+        for (p, to) in probe.images.iter().enumerate().filter(|(p, _)| !probes[*p].is_empty()) {
             let reflections = from.planes.len() + to.planes.len();
             let Origin::At(receiver) = to.origin else { continue };
             if reflections > order {
+                continue;
+            }
+            let common: Vec<(usize, [Place; 2])> =
+                in_both(&sources[s], &probes[p]).filter(|(edge, _)| edges[*edge].1).collect();
+            if common.is_empty() {
                 continue;
             }
             let find = |between: Option<usize>| {
                 let planes = from.planes.iter().copied().chain(between).chain(to.planes.iter().rev().copied());
                 paths[..specular].iter().position(|path| planes.clone().eq(path.planes.iter().copied()))
             };
-            let inside = |i: usize| {
-                let from_plane = matches!(from.origin, Origin::Along(_));
-                let within = |place: &Place| place.phi <= felt[i].exterior_angle + 1e-9;
-                within(&probes[p][i]) && (from_plane || within(&sources[s][i]))
-            };
-            if !(0..felt.len()).any(inside) {
-                continue;
-            }
             let lit = find(None);
-            let ends = |(i, edge): (usize, &&'a Edge)| {
-                let places = [sources[s][i], probes[p][i]];
-                Ends { pair, edge, from, receiver, places }
-            };
-            let mut ways: Vec<(Ends<'_, 'a>, Way, f64)> = felt
-                .iter()
-                .enumerate()
-                .map(ends)
+            let mut ways: Vec<(Ends<'_, 'a>, Way, f64)> = common
+                .into_iter()
+                .map(|(edge, places)| Ends { pair, edge: edges[edge].0, from, receiver, places })
                 .filter_map(|ends| {
                     let way = ends.way(lit.is_some())?;
                     let bound = ends.bound(&way, heard.low_k);
@@ -151,6 +163,18 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
             }
         }
     }
+}
+
+/// The edges in two lists, each in ascending order.
+fn in_both<'p>(
+    a: &'p [(usize, Place)],
+    b: &'p [(usize, Place)],
+) -> impl Iterator<Item = (usize, [Place; 2])> + use<'p> {
+    let mut rest = b;
+    a.iter().filter_map(move |(edge, from)| {
+        rest = &rest[rest.partition_point(|(other, _)| other < edge)..];
+        rest.first().filter(|(other, _)| other == edge).map(|(_, to)| (*edge, [*from, *to]))
+    })
 }
 
 /// The strongest sound that is known so far.

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::beam::may_reach;
 use crate::geometry::{Element, Geometry, Plane, Skip};
 use crate::scene::{Directivity, Scene, Source, SourceKind};
 
@@ -90,6 +91,7 @@ impl ImageTree {
 
     fn new(origin: Origin, directivity: Option<Directivity>, geometry: &Geometry, order: usize) -> Self {
         let mut images = vec![Image { origin, planes: Vec::new(), parent: None }];
+        let outlines: Vec<Vec<DVec3>> = geometry.planes().iter().map(Plane::corners_m).collect();
         let mut first = 0;
         for _ in 0..order {
             let last = images.len();
@@ -101,6 +103,10 @@ impl ImageTree {
                     if let Origin::At(p) = images[parent].origin
                         && (p - plane.point_m).dot(plane.normal).abs() < 1e-9
                     {
+                        continue;
+                    }
+                    let corners = &outlines[id];
+                    if !corners.is_empty() && !may_reach(&images, geometry, parent, corners) {
                         continue;
                     }
                     let origin = images[parent].origin.mirrored(plane.point_m, plane.normal);

@@ -1,5 +1,6 @@
 //! The deterministic paths: direct sound, specular chains, and each of them through an opening or over an edge.
 
+mod beam;
 mod bend;
 mod beside;
 mod chain;
@@ -16,18 +17,19 @@ mod wave;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::geometry::{Geometry, Skip};
+use crate::geometry::{Edge, Geometry, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Scene, Source, SourceKind, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::wedge;
+use edge::Reached;
 use images::Loss;
 use smooth::Nodes;
 use wave::{Adding, Sound, Wave};
 
 pub use gap::Gap;
 pub use images::{ImageTree, Origin};
-pub use reach::{EdgeReach, edge_reach};
+pub use reach::{EdgeReach, MOST_EDGES, edge_reach};
 
 /// Paths weaker than this relative to the strongest of their pair in every band are dropped (-120 dB).
 const NEGLIGIBLE: f64 = 1e-12;
@@ -52,6 +54,10 @@ struct Pair<'a> {
     kind: &'a SourceKind,
     source: &'a ImageTree,
     probe: &'a ImageTree,
+    /// The edges that may matter, alone (`true`) or only after another one.
+    edges: &'a [(&'a Edge, bool)],
+    /// Which of them the images of source and probe reach.
+    reached: [&'a Reached; 2],
     /// Most reflections on a path.
     order: usize,
 }
@@ -100,6 +106,15 @@ impl<'a> Prepared<'a> {
             scene.probes.par_iter().map(|p| ImageTree::of_probe(p.position_m, geometry, tree_order)).collect();
         let sources: Vec<ImageTree> =
             scene.sources.par_iter().map(|s| ImageTree::of_source(s, geometry, tree_order)).collect();
+        let all = geometry.edges.len() <= MOST_EDGES;
+        let edges = geometry.edges.iter().zip(&reaches).map(|(edge, reach)| (edge, reach.felt));
+        let edges: Vec<(&Edge, bool)> = edges.filter(|(_, felt)| all || *felt).collect();
+        let is_point = |source: &Source| source.kind == SourceKind::Point;
+        let reached = |tree: &ImageTree, points: bool| edge::reached(tree, geometry, &edges, points);
+        let from_sources: Vec<Reached> =
+            sources.iter().zip(&scene.sources).map(|(tree, source)| reached(tree, is_point(source))).collect();
+        let points = scene.sources.iter().all(is_point);
+        let from_probes: Vec<Reached> = probes.iter().map(|tree| reached(tree, points)).collect();
         let pairs: Vec<(usize, usize)> =
             (0..sources.len()).flat_map(|s| (0..probes.len()).map(move |p| (s, p))).collect();
         pairs
@@ -113,21 +128,17 @@ impl<'a> Prepared<'a> {
                     kind: &scene.sources[s].kind,
                     source: &sources[s],
                     probe: &probes[p],
+                    edges: &edges,
+                    reached: [&from_sources[s], &from_probes[p]],
                     order,
                 };
-                self.between(&pair, (&scene.sources[s], scene.probes[p].position_m), positions[s].as_deref(), &reaches)
+                self.between(&pair, (&scene.sources[s], scene.probes[p].position_m), positions[s].as_deref())
             })
             .collect()
     }
 
     /// The paths of one pair; `images`: where those of the source are, if they are told apart by their positions alone.
-    fn between(
-        &self,
-        pair: &Pair<'_>,
-        (source, probe_m): (&Source, DVec3),
-        images: Option<&[DVec3]>,
-        reaches: &[EdgeReach],
-    ) -> Early {
+    fn between(&self, pair: &Pair<'_>, (source, probe_m): (&Source, DVec3), images: Option<&[DVec3]>) -> Early {
         let &Self { scene, geometry, order, .. } = self;
         let ways = match images {
             Some(images) => {
@@ -141,7 +152,7 @@ impl<'a> Prepared<'a> {
         };
         let (mut paths, mut waves) = specular(pair, probe_m, ways);
         if scene.simulation.diffraction_order > 0 {
-            edge::add(pair, reaches, &mut paths, &mut waves);
+            edge::add(pair, &mut paths, &mut waves);
             chain::add(pair, &mut paths, &mut waves);
             beside::add(pair, &self.gaps, &mut paths, &mut waves);
         }

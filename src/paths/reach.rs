@@ -3,6 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::geometry::{Edge, Geometry};
 use crate::scene::{Edges, Scene, SourceKind, Transport};
@@ -10,6 +11,9 @@ use crate::scene::{Edges, Scene, SourceKind, Transport};
 /// Fresnel number beyond which an edge in sight is left out: it adds no pressure to the direct sound there, and less than
 /// -22 dB of its energy.
 pub(super) const FELT_FRESNEL: f64 = 4.0;
+
+/// Most edges of a scene that are modelled: their waves meet in pairs.
+pub const MOST_EDGES: usize = 1000;
 
 /// What an edge can do to the direct sound of any source and probe.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -72,15 +76,16 @@ pub(super) fn angle_of(edge: &Edge, direction: DVec3) -> f64 {
     (-direction.dot(edge.normal_a)).atan2(-direction.dot(edge.face_a)).rem_euclid(TAU)
 }
 
-/// Which edges matter to the direct sound of some source and probe, in the order of the geometry's edges.
+/// Which edges matter to the direct sound of some source and probe, in the order of the geometry's edges: of those that can be
+/// felt the [`MOST_EDGES`] strongest.
 pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
     let longest = scene.bands.first().map_or(1.0, |b| scene.air.speed_of_sound_m_s / b.low_hz);
     let modelled = scene.simulation.edges != Edges::Off
         && scene.simulation.transport != Transport::Geometric
         && scene.simulation.diffraction_order > 0;
-    geometry
+    let mut reaches: Vec<(EdgeReach, f64)> = geometry
         .edges
-        .iter()
+        .par_iter()
         .map(|edge| {
             let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
             for source in &scene.sources {
@@ -125,7 +130,11 @@ pub fn edge_reach(scene: &Scene, geometry: &Geometry) -> Vec<EdgeReach> {
             }
             let bound_db = 20.0 * (1.0 + most).log10();
             let felt = modelled && (least < FELT_FRESNEL || scene.adds_pressures());
-            EdgeReach { name: edge.name.clone(), felt, bound_db }
+            (EdgeReach { name: edge.name.clone(), felt, bound_db }, most)
         })
-        .collect()
+        .collect();
+    let mut felt: Vec<usize> = (0..reaches.len()).filter(|&i| reaches[i].0.felt).collect();
+    felt.sort_by(|&i, &j| reaches[j].1.total_cmp(&reaches[i].1));
+    felt.into_iter().skip(MOST_EDGES).for_each(|i| reaches[i].0.felt = false);
+    reaches.into_iter().map(|(reach, _)| reach).collect()
 }
