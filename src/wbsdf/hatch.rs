@@ -29,6 +29,8 @@ const DIGITS: f64 = 14.0;
 /// Distance of the source's singularity from the path of integration, in radians of the cosine substitution, below which the
 /// nodes are graded towards it.
 const NEAR: f64 = 0.25;
+/// Decay (as a power of e) of a mode from mouth to mouth beyond which it does not reach the other one.
+const FADED: f64 = 36.0;
 /// Nearest distance in m at which a point is told from the opening itself.
 const TOUCHING_M: f64 = 1e-6;
 
@@ -176,16 +178,18 @@ impl Hatch {
 /// Parities along x and y, block after block.
 const PARITIES: [(usize, usize); 4] = [(0, 0), (0, 1), (1, 0), (1, 1)];
 
-/// exp(ikR)/R between all separations, real and imaginary part, times 4 for both signs of either.
+/// exp(ikR)/R between all separations along y and x, real and imaginary part, times 4 for both signs of either.
 fn outside(sides: &[SideFunctions; 2], k: f64) -> [DMatrix<f64>; 2] {
     let [x, y] = [0, 1].map(|side| &sides[side].separations_m);
-    let mut parts = [DMatrix::zeros(x.len(), y.len()), DMatrix::zeros(x.len(), y.len())];
-    for (j, dy) in y.iter().enumerate() {
-        for (i, dx) in x.iter().enumerate() {
+    let mut parts = [DMatrix::zeros(y.len(), x.len()), DMatrix::zeros(y.len(), x.len())];
+    let [re, im] = &mut parts;
+    let columns = re.as_mut_slice().chunks_exact_mut(y.len()).zip(im.as_mut_slice().chunks_exact_mut(y.len()));
+    for (dx, (re, im)) in x.iter().zip(columns) {
+        for (dy, (re, im)) in y.iter().zip(re.iter_mut().zip(im)) {
             let r = (dx * dx + dy * dy).sqrt();
             let (sin, cos) = sin_cos(k * r);
-            parts[0][(i, j)] = 4.0 * cos / r;
-            parts[1][(i, j)] = 4.0 * sin / r;
+            let scale = 4.0 / r;
+            (*re, *im) = (scale * cos, scale * sin);
         }
     }
     parts
@@ -199,33 +203,44 @@ fn matrices(
     thickness_m: f64,
 ) -> (Vec<Symmetric>, Vec<Symmetric>) {
     let [x, y] = sides;
-    let [re, im] = outside(sides, k).map(|kernel| &x.overlaps * kernel * y.overlaps.transpose());
+    let x_overlaps = x.overlaps.transpose();
+    let [re, im] = outside(sides, k).map(|kernel| &y.overlaps * (kernel * &x_overlaps));
     let Some(modes) = modes else { return (blocks(sides, &re, &im), Vec::new()) };
-    let part = |odd: usize| blocks(sides, &(&re + in_gap(sides, modes, k, thickness_m, odd)), &im);
-    (part(1), part(0))
+    let [even, odd] = in_gap(sides, modes, k, thickness_m).map(|z| blocks(sides, &(&re + z), &im));
+    (odd, even)
 }
 
-/// 2 pi times the impedances of the gap for the part that is even (`odd` 0) or odd (1) about the middle of the wall, by pairs
-/// of functions.
-fn in_gap(sides: &[SideFunctions; 2], modes: &[DMatrix<f64>; 2], k: f64, thickness_m: f64, odd: usize) -> DMatrix<f64> {
+/// 2 pi times the impedances of the gap for the parts even and odd about the middle of the wall, by pairs of functions along y
+/// and x.
+fn in_gap(sides: &[SideFunctions; 2], modes: &[DMatrix<f64>; 2], k: f64, thickness_m: f64) -> [DMatrix<f64>; 2] {
     let [x, y] = sides;
     let area = 4.0 * x.half_m * y.half_m;
     let twice = |k: f64| if k == 0.0 { 1.0 } else { 2.0 };
     let (along_x, along_y): (Vec<f64>, Vec<f64>) = (x.mode_k().collect(), y.mode_k().collect());
-    let impedance = DMatrix::from_fn(along_x.len(), along_y.len(), |p, q| {
-        let (kx, ky) = (along_x[p], along_y[q]);
-        TAU * twice(kx) * twice(ky) / area * impedances(k, kx.hypot(ky), thickness_m)[odd]
-    });
-    &modes[0] * impedance * modes[1].transpose()
+    let mut parts = [0, 1].map(|_| DMatrix::zeros(along_y.len(), along_x.len()));
+    for (p, kx) in along_x.iter().enumerate() {
+        for (q, ky) in along_y.iter().enumerate() {
+            let scale = TAU * twice(*kx) * twice(*ky) / area;
+            let gamma = (kx * kx + ky * ky - k * k).max(0.0).sqrt();
+            // Far below its cut-on a mode does not feel the other mouth.
+            let both =
+                if gamma * thickness_m > FADED { [1.0 / gamma; 2] } else { impedances(k, kx.hypot(*ky), thickness_m) };
+            for (part, impedance) in parts.iter_mut().zip(both) {
+                part[(q, p)] = scale * impedance;
+            }
+        }
+    }
+    let x_modes = modes[0].transpose();
+    parts.map(|part| &modes[1] * (part * &x_modes))
 }
 
-/// Spreads values by pairs of functions along x and y over matrices between unknowns.
+/// Spreads values by pairs of functions along y and x over matrices between unknowns.
 fn blocks(sides: &[SideFunctions; 2], re: &DMatrix<f64>, im: &DMatrix<f64>) -> Vec<Symmetric> {
     let [x, y] = sides;
     let block = |&(p, q): &(usize, usize)| {
         let (nx, ny) = (x.of_parity(p), y.of_parity(q));
         Symmetric::new(nx * ny, |a, b| {
-            let pair = (x.pair(p, a / ny, b / ny), y.pair(q, a % ny, b % ny));
+            let pair = (y.pair(q, a % ny, b % ny), x.pair(p, a / ny, b / ny));
             Complex64::new(re[pair], im[pair])
         })
     };
