@@ -64,6 +64,8 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
                 continue;
             }
             let lit = find(None);
+            // An edge lies in the planes of its faces: it sees no image in them.
+            let sees = |edge: &Edge| !from.is_last_in(&edge.planes) && !to.is_last_in(&edge.planes);
             let ends = |(i, edge): (usize, &&'a Edge)| {
                 let places = [sources[s][i], probes[p][i]];
                 Ends { pair, edge, from, receiver, places }
@@ -71,6 +73,7 @@ pub(super) fn add<'a>(pair: &Pair<'a>, reaches: &[EdgeReach], paths: &mut Vec<Sp
             let mut ways: Vec<(Ends<'_, 'a>, Way, f64)> = felt
                 .iter()
                 .enumerate()
+                .filter(|(_, edge)| sees(edge))
                 .map(ends)
                 .filter_map(|ends| {
                     let way = ends.way(lit.is_some())?;
@@ -175,20 +178,29 @@ impl Heard {
 
     /// Whether what comes over an edge, at most `bound` at the lowest wave number, is inaudible in every band.
     fn drowns(&self, pair: &Pair<'_>, length_m: f64, bound: f64) -> bool {
+        let apart_m = self.apart_m(length_m);
         let in_band = |(band, spectrum): (usize, &Spectrum)| {
-            self.drowns_in(band, spectrum, length_m, bound * (self.low_k / spectrum.low_k()).sqrt())
+            self.change(band, spectrum, apart_m, bound * (self.low_k / spectrum.low_k()).sqrt()) < UNHEARD
         };
         pair.spectra.iter().enumerate().all(in_band)
     }
 
-    /// Whether sound with at most the amplitude `bound` in a band changes no level by more than [`UNHEARD`], as energy or by
-    /// interference.
-    pub(super) fn drowns_in(&self, band: usize, spectrum: &Spectrum, length_m: f64, bound: f64) -> bool {
-        let apart_m = self.lengths_m.iter().map(|m| (m - length_m).abs()).fold(f64::INFINITY, f64::min);
+    /// By how much sound over a way `length_m` long with at most the amplitude `bound` in a band changes intensities at most, as
+    /// energy or by interference, relative to the strongest, in units of what nobody hears.
+    pub(super) fn loudness(&self, band: usize, spectrum: &Spectrum, length_m: f64, bound: f64) -> f64 {
+        self.change(band, spectrum, self.apart_m(length_m), bound) / UNHEARD
+    }
+
+    /// Difference in m to the way that is nearest in length.
+    fn apart_m(&self, length_m: f64) -> f64 {
+        self.lengths_m.iter().map(|m| (m - length_m).abs()).fold(f64::INFINITY, f64::min)
+    }
+
+    fn change(&self, band: usize, spectrum: &Spectrum, apart_m: f64, bound: f64) -> f64 {
         let ratio = bound / self.strongest[band];
         // The mean of a cosine over the band.
         let mean = (2.0 / ((spectrum.high_k() - spectrum.low_k()) * apart_m)).min(1.0);
-        ratio * ratio + 2.0 * ratio * mean < UNHEARD
+        ratio * ratio + 2.0 * ratio * mean
     }
 
     /// Far from its boundaries an edge sends amplitudes like 1/sqrt(k), on them all alike.
