@@ -295,18 +295,19 @@ fn openings_have_no_edges_of_their_own_and_the_options_turn_edges_off() {
 
 #[test]
 fn a_closed_shell_shows_its_inner_edges_inside_and_its_outer_edges_outside() {
-    // the coarse ellipsoid pushed in at every other corner: wedges on both sides
+    // the coarse ellipsoid pushed in at every other corner: wedges on both sides; large, so that no face is a fine one
     let mut scene = empty();
     let mut mesh = ellipsoid(1, v(1.0, 1.0, 1.0), DVec3::ZERO);
     for p in mesh.triangles_m.iter_mut().flatten() {
         if (p.x * 1e3).round() as i64 % 2 == 0 {
             *p *= 0.7;
         }
+        *p *= 4.0;
     }
     scene.meshes.push(mesh);
     let both = edges(&scene);
-    let inner = edges(&with_source(scene.clone(), v(0.05, 0.02, 0.01)));
-    let outer = edges(&with_source(scene, v(3.0, 0.1, 0.2)));
+    let inner = edges(&with_source(scene.clone(), v(0.2, 0.08, 0.04)));
+    let outer = edges(&with_source(scene, v(12.0, 0.4, 0.8)));
     assert!(!inner.is_empty() && !outer.is_empty());
     assert_eq!(inner.len() + outer.len(), both.len(), "every edge has air on one side only");
     assert!(inner.iter().all(|e| !outer.contains(e)));
@@ -322,4 +323,16 @@ fn edges_move_with_the_scene() {
     assert_eq!(near.len(), far.len());
     // coordinates of 2e4 m are known to 4e-12 m
     assert!((far[0].start - by - near[0].start).length() < 1e-10);
+}
+
+#[test]
+fn edges_between_small_faces_of_a_mesh_are_left_to_scattering() {
+    let mut fine = empty();
+    fine.meshes.push(ellipsoid(1, v(0.5, 0.5, 0.5), DVec3::ZERO));
+    let fine = Geometry::new(&with_source(fine, v(3.0, 0.1, 0.2))).unwrap();
+    let mut coarse = empty();
+    coarse.meshes.push(ellipsoid(1, v(4.0, 4.0, 4.0), DVec3::ZERO));
+    let coarse = Geometry::new(&with_source(coarse, v(9.0, 0.1, 0.2))).unwrap();
+    assert!(fine.edges.is_empty() && fine.fine_edges > 0, "{} {}", fine.edges.len(), fine.fine_edges);
+    assert_eq!((coarse.edges.len(), coarse.fine_edges), (fine.fine_edges, 0));
 }
