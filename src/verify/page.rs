@@ -117,7 +117,12 @@ fn bars(out: &mut String, verified: &Verified) {
         let what = format!("time a level, {} : wbsdf, octave bands", ratio.other);
         let reached =
             format!("{} <small>({}; {})</small>", times(ratio.median), times(ratio.least), times(ratio.overall));
-        let cells = [ratio.which(), format!("≥ {}", times(ratio.least_wanted)), reached, verdict(ratio.met())];
+        let cells = [
+            format!("{} cases{}", ratio.cases, ratio.kind()),
+            format!("≥ {}", times(ratio.least_wanted)),
+            reached,
+            verdict(ratio.met()),
+        ];
         row(out, &what, cells.into_iter());
     }
     if let Some(set_up) = verified.set_up() {

@@ -111,9 +111,9 @@ pub struct Ratio {
 }
 
 impl Ratio {
-    /// How many cases, and of which kind.
-    pub(super) fn which(&self) -> String {
-        format!("{} cases{}", self.cases, if self.other == "exact" { " with openings" } else { "" })
+    /// Which cases count, where not all that both transports ran do.
+    pub(super) fn kind(&self) -> &'static str {
+        if self.other == "exact" { ", openings" } else { "" }
     }
 
     /// Whether the bound is kept.
@@ -150,7 +150,7 @@ impl Verified {
         type Chosen = fn(&Entry<'_>) -> bool;
         const BARS: [(&str, Chosen, f64, f64); 8] = [
             (
-                "slits and door up to 75° off the normal",
+                "slits, door within 75° of the normal",
                 |e| e.octave() && matches!(e.name(), "slit" | "sliding door") && e.level.region != "oblique",
                 0.1,
                 0.5,
