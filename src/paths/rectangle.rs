@@ -4,7 +4,7 @@
 //! opening. The field is then that of the opening and its mirror image together, from the source and from its image, and a
 //! way that would cross the image is another one's mirror image (docs/physics.md section 4).
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -20,7 +20,7 @@ use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, Transport};
 use crate::wbsdf::crossing::{Crossing, Spectrum};
 use crate::wbsdf::mask::{Jambs, Mask};
-use crate::wbsdf::rectangle::{Passed, Rectangle};
+use crate::wbsdf::rectangle::{Corners, Passed, Rectangle};
 use crate::wbsdf::rim::{shortest_over, span, unfolded};
 use crate::wbsdf::slit::gauss_nodes;
 use crate::wbsdf::utd;
@@ -33,6 +33,7 @@ pub(super) struct Rectangles {
     depth_m: f64,
     bands: Vec<OnceLock<Rectangle>>,
     mirrored: Option<Mirrored>,
+    corners: Arc<Corners>,
 }
 
 /// The openings together with their images in the planes they stand on.
@@ -102,7 +103,7 @@ impl Way<'_> {
 impl Rectangles {
     pub(super) fn new(scene: &Scene, portal: &Portal, depth_m: f64) -> Self {
         let (x, y) = (Mask::new(&[portal.x_m]), Mask::new(&[portal.y_m]));
-        Self { x, y, depth_m, bands: unsolved(scene), mirrored: None }
+        Self { x, y, depth_m, bands: unsolved(scene), mirrored: None, corners: Arc::default() }
     }
 
     /// Takes in another opening of the same wall if its limits along y are the same.
@@ -292,12 +293,16 @@ impl Rectangles {
 
     /// The openings without images.
     fn alone(&self, scene: &Scene, band: usize, spectrum: &Spectrum) -> &Rectangle {
-        self.bands[band].get_or_init(|| Rectangle::new(&self.x, &self.y, self.depth_m, spectrum, jambs(scene)))
+        self.bands[band].get_or_init(|| self.rectangle(scene, &self.x, &self.y, spectrum))
     }
 
     /// The openings with their images.
     fn with_images<'a>(&self, scene: &Scene, m: &'a Mirrored, band: usize, spectrum: &Spectrum) -> &'a Rectangle {
-        m.bands[band].get_or_init(|| Rectangle::new(&m.x, &m.y, self.depth_m, spectrum, jambs(scene)))
+        m.bands[band].get_or_init(|| self.rectangle(scene, &m.x, &m.y, spectrum))
+    }
+
+    fn rectangle(&self, scene: &Scene, x: &Mask, y: &Mask, spectrum: &Spectrum) -> Rectangle {
+        Rectangle::new(x, y, self.depth_m, spectrum, jambs(scene)).sharing(&self.corners)
     }
 
     /// A way as a pressure: its course is that of the openings together with the images that they mostly have, the band means of

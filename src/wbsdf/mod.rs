@@ -20,6 +20,7 @@ pub mod rim;
 pub mod scatter;
 pub mod series;
 pub mod slit;
+mod symmetric;
 pub mod tables;
 pub mod thick;
 mod two_edges;

@@ -11,18 +11,26 @@
 //! which is even in s where m and n are both even or both odd, and cancels in a symmetric kernel where they are not. It has
 //! a logarithm at s = 0, and so has the kernel: the nodes lie on panels that shrink towards 0 by a fifth each.
 
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::slit::gauss_nodes;
+use super::thick::impedances;
 
 /// Functions of a side beyond those that its phase asks for: octave levels are converged to 0.0004 dB from half a longer side on,
 /// to 0.01 dB from a sixth of it (docs/physics.md section 4).
 const FUNCTIONS: f64 = 6.0;
-/// How many fewer do for sides with less than these phases: early levels of gaps of 1 to 50 mm by 2 m in 0.04 m change by less
-/// than 0.005 dB.
-const SPARED: [(f64, usize); 2] = [(0.25, 3), (0.5, 2)];
+/// How many fewer do across openings whose sides have at least this ratio (0.03 dB).
+const SPARED: (usize, f64) = (2, 4.0);
+/// Ratio of the sides from which, and phase up to which the flow across has one profile, even or odd (0.03 dB), ...
+const PROFILED: (f64, f64) = (8.0, 0.7);
+/// ... in gaps deeper than this share of their width, where the two parts of a thick wall have the same.
+const DEEP: f64 = 0.4;
+/// Functions that make a profile.
+const PROFILE_TERMS: usize = 6;
+/// Square of the phase, times what the depth leaves of it, below which the odd flow is left out.
+const NO_ODD_FLOW: f64 = 3e-4;
 /// Panels of separations: the smallest ends at 2/5^9 = 1e-6, what lies below changes nothing.
 const PANELS: i32 = 10;
 /// Ratio of the limits of a panel, and its least number of nodes (error 3e-7).
@@ -41,19 +49,78 @@ pub(super) struct SideFunctions {
     pub(super) separations_m: Vec<f64>,
     /// Overlaps times quadrature weights: pairs by separations.
     pub(super) overlaps: DMatrix<f64>,
+    /// Where the functions are sums of Chebyshev's: their shares of each.
+    profiles: Option<Vec<[f64; PROFILE_TERMS]>>,
 }
 
 impl SideFunctions {
-    /// For a side of `width_m` up to the wave number `k`.
-    pub(super) fn new(width_m: f64, k: f64) -> Self {
-        Self::with(0, width_m, k)
+    /// For the sides of a rectangle `sides_m` through a wall of `thickness_m` (0: thin) up to the wave number `k`.
+    pub(super) fn of_rectangle(sides_m: [f64; 2], thickness_m: f64, k: f64) -> [Self; 2] {
+        [0, 1].map(|side| {
+            let (own_m, ratio) = (sides_m[side], sides_m[1 - side] / sides_m[side]);
+            let phase = 0.5 * k * own_m;
+            if ratio >= PROFILED.0 && phase < PROFILED.1 && thickness_m > DEEP * own_m {
+                return Self::with_profiles(own_m, thickness_m, k);
+            }
+            let spared = if ratio >= SPARED.1 { SPARED.0 } else { 0 };
+            Self::of_count(functions(phase).ceil() as usize - spared, 0.5 * own_m, phase)
+        })
     }
 
-    /// The same with `more` functions than levels need.
+    /// With `more` functions than levels need.
     pub(super) fn with(more: usize, width_m: f64, k: f64) -> Self {
+        let phase = 0.5 * k * width_m;
+        Self::of_count(functions(phase).ceil() as usize + more, 0.5 * width_m, phase)
+    }
+
+    /// Across a slender rectangle: one even profile, and one odd where it is felt.
+    fn with_profiles(width_m: f64, thickness_m: f64, k: f64) -> Self {
         let (half_m, phase) = (0.5 * width_m, 0.5 * k * width_m);
-        let spared = SPARED.iter().find(|(narrow, _)| phase < *narrow).map_or(0, |(_, spared)| *spared);
-        let count = functions(phase).ceil() as usize - spared + more;
+        let terms = Self::of_count(PROFILE_TERMS, half_m, phase);
+        let faded = (-PI * thickness_m / width_m).exp();
+        let parities = if phase * phase * faded < NO_ODD_FLOW { 1 } else { 2 };
+        let profiles: Vec<_> = (0..parities).map(|parity| terms.profile(parity, thickness_m, k)).collect();
+        let mut overlaps = DMatrix::zeros(parities, terms.overlaps.ncols());
+        for (parity, profile) in profiles.iter().enumerate() {
+            for j in 0..terms.of_parity(parity) {
+                for i in 0..=j {
+                    let share = profile[2 * i + parity] * profile[2 * j + parity] * if i == j { 1.0 } else { 2.0 };
+                    let mut row = overlaps.row_mut(parity);
+                    row += share * terms.overlaps.row(terms.pair(parity, i, j));
+                }
+            }
+        }
+        Self { count: parities, overlaps, profiles: Some(profiles), ..terms }
+    }
+
+    /// Shares of the functions in the velocity that an even (`parity` 0) or odd (1) flow of long waves has across a long gap: the first
+    /// function is 1, the others leave no pressure but its own.
+    ///
+    /// Along the gap the kernel sums up to -2 ln s; of the two impedances that of the odd part counts, in deep gaps both are the same.
+    fn profile(&self, parity: usize, thickness_m: f64, k: f64) -> [f64; PROFILE_TERMS] {
+        let modes = self.modes();
+        let impedance = |mu: f64| impedances(k, mu, thickness_m)[1];
+        let entry = |i: usize, j: usize| {
+            let pair = self.pair(parity, i, j);
+            let outside: f64 =
+                self.overlaps.row(pair).iter().zip(&self.separations_m).map(|(o, s)| -4.0 * o * s.ln()).sum();
+            let in_gap: f64 =
+                modes.row(pair).iter().zip(self.mode_k()).skip(1).map(|(product, mu)| product * impedance(mu)).sum();
+            outside + TAU / self.half_m * in_gap
+        };
+        let others = self.of_parity(parity) - 1;
+        let matrix = DMatrix::from_fn(others, others, |i, j| entry(i + 1, j + 1));
+        let right = DVector::from_fn(others, |i, _| -entry(i + 1, 0));
+        let mut profile = [0.0; PROFILE_TERMS];
+        profile[parity] = 1.0;
+        if let Some(shares) = matrix.lu().solve(&right) {
+            shares.iter().enumerate().for_each(|(i, share)| profile[2 * i + 2 + parity] = *share);
+        }
+        profile
+    }
+
+    /// The first `count` functions.
+    fn of_count(count: usize, half_m: f64, phase: f64) -> Self {
         let mut nodes = Vec::new();
         let mut high = 2.0;
         for panel in 0..PANELS {
@@ -71,7 +138,22 @@ impl SideFunctions {
             overlaps.column_mut(column).iter_mut().zip(values).for_each(|(o, value)| *o = weight * value);
         }
         let separations_m = nodes.iter().map(|(s, _)| half_m * s).collect();
-        Self { half_m, count, separations_m, overlaps }
+        Self { half_m, count, separations_m, overlaps, profiles: None }
+    }
+
+    /// Chebyshev's functions that the functions are made of.
+    pub(super) fn terms(&self) -> usize {
+        self.profiles.as_ref().map_or(self.count, |_| PROFILE_TERMS)
+    }
+
+    /// The functions without sqrt(1 - x^2) at `x` in half widths.
+    pub(super) fn values(&self, x: f64, values: &mut [f64]) {
+        let Some(profiles) = &self.profiles else { return chebyshev(x, values) };
+        let mut terms = [0.0; PROFILE_TERMS];
+        chebyshev(x, &mut terms);
+        for (value, profile) in values.iter_mut().zip(profiles) {
+            *value = profile.iter().zip(terms).map(|(share, term)| share * term).sum();
+        }
     }
 
     /// Number of functions that are even (`parity` 0) or odd (1).
@@ -97,7 +179,14 @@ impl SideFunctions {
         let mut products = DMatrix::zeros(self.overlaps.nrows(), MODES);
         for parity in 0..2 {
             for p in (parity..MODES).step_by(2) {
-                let own: Vec<f64> = (0..self.of_parity(parity)).map(|i| component(2 * i + parity, p)).collect();
+                let own = |i: usize| match &self.profiles {
+                    None => component(2 * i + parity, p),
+                    Some(profiles) => {
+                        let terms = profiles[i + parity].iter().enumerate().filter(|(_, share)| **share != 0.0);
+                        terms.map(|(m, share)| share * component(m, p)).sum()
+                    }
+                };
+                let own: Vec<f64> = (0..self.of_parity(parity)).map(own).collect();
                 for (j, b) in own.iter().enumerate() {
                     for (i, a) in own[..=j].iter().enumerate() {
                         products[(self.pair(parity, i, j), p)] = a * b;
@@ -175,7 +264,7 @@ mod tests {
 
     #[test]
     fn overlaps_and_their_integrals_are_those_of_chebyshevs_functions() {
-        let side = SideFunctions::new(2.0, 3.0);
+        let side = SideFunctions::with(0, 2.0, 3.0);
         // int C_mn(s) ds over both signs of s is the product of int T_m/sqrt and int T_n/sqrt: pi^2 for m = n = 0, else 0.
         for parity in 0..2 {
             for j in 0..side.of_parity(parity) {

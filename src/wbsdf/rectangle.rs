@@ -17,9 +17,9 @@ use super::crossing::Spectrum;
 use super::hatch::{Driven, Hatch, View, transmission, unknowns};
 use super::mask::{Jambs, Mask};
 use super::product::paraxial_intensity;
-use super::rim::{NARROW_SIDE_KA, Rim, facing, only, shortest_over, span};
-use super::series::Legendre;
-use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
+use super::rim::{NARROW_SIDE_KA, Rim, facing, gap_panels, only, shortest_over, span};
+use super::series::Panels;
+use super::slit::fade;
 use super::thick::is_thick;
 
 /// k times width of both sides up to which traced rays meet a small hole.
@@ -77,19 +77,69 @@ pub struct Rectangle {
     thickness_m: f64,
     spectrum: Spectrum,
     jambs: Jambs,
-    exact: Option<Hatch>,
+    exact: Option<(Hatch, Panels)>,
     /// What sources do in the exact rectangle, and how it sees receivers, by the bits of their coordinates.
     sources: Known<Driven>,
     receivers: Known<View>,
     rim: OnceLock<Rim>,
-    /// An opening of the same corners that is small enough to be solved exactly, about the origin.
-    corner: OnceLock<Box<Self>>,
+    /// An opening of the same corners that is small enough to be solved exactly, and what is known of points about it.
+    corner: OnceLock<Arc<Corner>>,
+    corner_sources: Known<Driven>,
+    corner_receivers: Known<View>,
+    corners: Arc<Corners>,
     /// The openings one by one where there are several.
     parts: Vec<Self>,
 }
 
+/// An opening about the origin that is solved exactly, and its edges. All lengths are multiplied by the wave number in the middle of
+/// the band.
+struct Corner {
+    sides: [f64; 2],
+    depth: f64,
+    spectrum: Spectrum,
+    hatch: Hatch,
+    rim: Rim,
+}
+
+/// The small openings that stand for corners. Those of openings wider than themselves are the same at all wave numbers.
+#[derive(Default)]
+pub struct Corners(Mutex<Vec<Arc<Corner>>>);
+
+impl Corners {
+    fn of(&self, sides: [f64; 2], thickness: f64, spectrum: &Spectrum) -> Arc<Corner> {
+        let narrower = sides[0].min(sides[1]);
+        let depth = if is_thick(narrower, thickness) { thickness } else { 0.0 };
+        let same = |a: f64, b: f64| (a - b).abs() <= 1e-6 * b;
+        let is_this = |c: &&Arc<Corner>| {
+            same(c.sides[0], sides[0])
+                && same(c.sides[1], sides[1])
+                && same(c.depth, depth)
+                && same(c.spectrum.low_k(), spectrum.low_k())
+                && same(c.spectrum.high_k(), spectrum.high_k())
+        };
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = all.iter().find(is_this) {
+            return Arc::clone(known);
+        }
+        let limits = sides.map(|side| [-0.5 * side, 0.5 * side]);
+        let nodes = wave_numbers(sides[0], sides[1], depth, spectrum).nodes();
+        let hatch = Hatch::new(limits[0], limits[1], depth, &nodes);
+        let [x, y] = limits.map(|limits| Mask::new(&[limits]));
+        let rim = Rim::new(&x, &y, thickness, spectrum);
+        let new = Arc::new(Corner { sides, depth, spectrum: *spectrum, hatch, rim });
+        all.push(Arc::clone(&new));
+        new
+    }
+}
+
 /// What is known of points, by the bits of their coordinates.
 struct Known<T>(Mutex<HashMap<[u64; 3], Arc<T>>>);
+
+impl<T> Default for Known<T> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
 
 impl<T> Known<T> {
     fn of(&self, point: DVec3, new: impl FnOnce() -> T) -> Arc<T> {
@@ -123,14 +173,13 @@ impl Rectangle {
             let few = matches!(Sides::of(width, height, spectrum), Sides::Exact | Sides::SmallHole);
             (few && jambs == Jambs::Rigid).then(|| {
                 let depth = if is_thick(width.min(height), thickness_m) { thickness_m } else { 0.0 };
-                Hatch::new(x_m, y_m, depth, &wave_numbers(width, height, depth, spectrum))
+                let panels = wave_numbers(width, height, depth, spectrum);
+                (Hatch::new(x_m, y_m, depth, &panels.nodes()), panels)
             })
         });
         let several = x.openings().len() > 1;
         let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, thickness_m, spectrum, jambs);
         let parts = if several { x.openings().iter().map(part).collect() } else { Vec::new() };
-        let (rim, corner) = (OnceLock::new(), OnceLock::new());
-        let (sources, receivers) = (Known(Mutex::default()), Known(Mutex::default()));
         Self {
             x: x.clone(),
             y: y.clone(),
@@ -138,12 +187,21 @@ impl Rectangle {
             spectrum: *spectrum,
             jambs,
             exact,
-            sources,
-            receivers,
-            rim,
-            corner,
+            sources: Known::default(),
+            receivers: Known::default(),
+            rim: OnceLock::new(),
+            corner: OnceLock::new(),
+            corner_sources: Known::default(),
+            corner_receivers: Known::default(),
+            corners: Arc::default(),
             parts,
         }
+    }
+
+    /// The same with the corners' small openings taken from, and left for, `corners`.
+    pub fn sharing(self, corners: &Arc<Corners>) -> Self {
+        let parts = self.parts.into_iter().map(|part| part.sharing(corners)).collect();
+        Self { corners: Arc::clone(corners), parts, ..self }
     }
 
     /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
@@ -182,19 +240,16 @@ impl Rectangle {
         let rim = (share < 1.0).then(|| self.edges().pressure(source, receiver));
         // Half a diagonal more than the shortest way is the middle of the others.
         let middle_m = length_m + 0.5 * diagonal_m(&self.x, &self.y);
-        let exact = self.exact.as_ref().filter(|_| share > 0.0).map(|hatch| {
+        let exact = self.exact.as_ref().filter(|_| share > 0.0).map(|(hatch, panels)| {
             let (driven, seen) = (self.drive(hatch, source), self.see(hatch, receiver));
-            let values: Vec<Complex64> = hatch.pressures(&driven, &seen).collect();
-            let mut values = values.iter();
-            Legendre::through([self.spectrum.low_k(), self.spectrum.high_k()], values.len(), |k| {
-                values.next().map_or(Complex64::ZERO, |p| p * Complex64::from_polar(1.0, -k * middle_m))
-            })
+            let pressures = hatch.pressures(&driven, &seen).zip(panels.nodes());
+            let values = pressures.map(|(p, (k, _))| p * Complex64::from_polar(1.0, -k * middle_m));
+            panels.through(&values.collect::<Vec<_>>())
         });
         let exact_m = exact.as_ref().map_or(0.0, |_| diagonal_m(&self.x, &self.y));
         let wander_m = rim.as_ref().map_or(0.0, |(_, wander_m)| *wander_m).max(exact_m);
         let pressure = move |k: f64| {
-            let exact =
-                exact.as_ref().map_or(Complex64::ZERO, |e| e.at(k) * Complex64::from_polar(share, k * middle_m));
+            let exact = exact.as_ref().map_or(Complex64::ZERO, |e| e(k) * Complex64::from_polar(share, k * middle_m));
             exact + rim.as_ref().map_or(Complex64::ZERO, |(rim, _)| rim(k) * (1.0 - share))
         };
         Passed { wander_m, pressure: Box::new(pressure) }
@@ -202,7 +257,7 @@ impl Rectangle {
 
     /// By the exact rectangle, 0 where it is not solved.
     fn exactly(&self, source: DVec3, receiver: DVec3) -> f64 {
-        let Some(hatch) = &self.exact else { return 0.0 };
+        let Some((hatch, _)) = &self.exact else { return 0.0 };
         hatch.intensity(&self.drive(hatch, source), &self.see(hatch, receiver))
     }
 
@@ -218,18 +273,22 @@ impl Rectangle {
         }
         let small = self.corner.get_or_init(|| {
             let small = solvable(sides, k);
-            let [x, y] = small.map(|side| Mask::new(&[[-0.5 * side, 0.5 * side]]));
             // Wide openings are thin; a gap keeps its width and its depth.
             let gap = small[0].min(small[1]) == sides[0].min(sides[1]);
             let thickness_m = if gap { self.thickness_m } else { 0.0 };
-            Box::new(Self::new(&x, &y, thickness_m, &self.spectrum, self.jambs))
+            let Spectrum { low_hz, high_hz, speed_m_s } = self.spectrum;
+            let spectrum = Spectrum { low_hz, high_hz, speed_m_s: k * speed_m_s };
+            self.corners.of(small.map(|side| k * side), k * thickness_m, &spectrum)
         });
-        let half = [&small.x, &small.y].map(|mask| span(mask)[1]);
+        let half = small.sides.map(|side| 0.5 * side / k);
         let inward = |at: f64, limits: [f64; 2], half: f64| if at == limits[0] { at + half } else { at - half };
         let middle = DVec3::new(inward(corner.x, x_m, half[0]), inward(corner.y, y_m, half[1]), 0.0);
-        let (source, receiver) = (source - middle, receiver - middle);
-        let edges = small.rim(source, receiver);
-        if edges > 0.0 { alone * small.exactly(source, receiver) / edges + 1.0 - alone } else { 1.0 }
+        let [source, receiver] = [source, receiver].map(|point| k * (point - middle));
+        let edges = small.rim.intensity(source, receiver);
+        let driven = self.corner_sources.of(source, || small.hatch.driven(&small.hatch.view(source)));
+        let seen = self.corner_receivers.of(receiver, || small.hatch.view(receiver));
+        let exact = small.hatch.intensity(&driven, &seen);
+        if edges > 0.0 { alone * exact / edges + 1.0 - alone } else { 1.0 }
     }
 
     /// The corner over which the shortest way leads, and by how much in m it is longer than over the edges without ends.
@@ -271,18 +330,16 @@ impl Rectangle {
     /// Drops what it knows of the points it has met.
     pub fn forget_points(&self) {
         self.sources.all().clear();
-        self.receivers.all().clear();
-        self.all_parts().for_each(Self::forget_points);
+        self.corner_sources.all().clear();
+        self.forget_receivers();
+        self.parts.iter().for_each(Self::forget_points);
     }
 
     /// Gives the memory back that is kept for receivers met so far; those of the sources stay.
     pub fn forget_receivers(&self) {
         self.receivers.all().clear();
-        self.all_parts().for_each(Self::forget_receivers);
-    }
-
-    fn all_parts(&self) -> impl Iterator<Item = &Self> {
-        self.parts.iter().chain(self.corner.get().map(AsRef::as_ref))
+        self.corner_receivers.all().clear();
+        self.parts.iter().for_each(Self::forget_receivers);
     }
 
     /// Share of the exact rectangle: it falls smoothly where the opening grows wide and where both points come near.
@@ -325,22 +382,20 @@ fn solvable(sides: [f64; 2], k: f64) -> [f64; 2] {
     sides.map(|side| side.min(low))
 }
 
-/// Wave numbers and weights for the mean over a band through an opening of `width_m` by `height_m` and `depth_m`.
+/// Wave numbers for the mean over a band through an opening of `width_m` by `height_m` and `depth_m`.
 ///
 /// |p|^2 varies over the band like cos(k d), d at most twice the diagonal, and little of it beyond one and a half (octave levels are
 /// within 0.002 dB). A mouth of area A sends back
 /// 1 - k^2 A/pi of a wave in the gap (a piston's radiation), one that is wide across 1 - k a: so wide are the resonances.
-fn wave_numbers(width_m: f64, height_m: f64, depth_m: f64, spectrum: &Spectrum) -> Vec<(f64, f64)> {
+fn wave_numbers(width_m: f64, height_m: f64, depth_m: f64, spectrum: &Spectrum) -> Panels {
     let (low, high) = (spectrum.low_k(), spectrum.high_k());
-    let smooth = (high - low) * (0.35 * width_m.hypot(height_m) + 0.7 * depth_m);
-    let mouth = width_m.min(height_m).min(low * width_m * height_m / PI);
-    let resonances = if depth_m > 0.0 { resonant(&[[0.0, mouth]], depth_m, low, high) } else { 0.0 };
-    let count = if high > low { 4 + ((smooth + resonances).ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
-    gauss_nodes(low, high, count).collect()
+    let narrower = width_m.min(height_m);
+    let mouth = narrower.min(low * width_m * height_m / PI);
+    gap_panels(0.35 * width_m.hypot(height_m) + 0.7 * depth_m, depth_m, [narrower, mouth], [low, high])
 }
 
 /// Transmission coefficient at normal incidence of an opening smaller than the wavelength, `thickness_m` deep, band mean: exact.
 pub fn small_hole_transmission(width_m: f64, height_m: f64, thickness_m: f64, spectrum: &Spectrum) -> f64 {
     let depth = if is_thick(width_m.min(height_m), thickness_m) { thickness_m } else { 0.0 };
-    transmission(width_m, height_m, depth, &wave_numbers(width_m, height_m, depth, spectrum))
+    transmission(width_m, height_m, depth, &wave_numbers(width_m, height_m, depth, spectrum).nodes())
 }

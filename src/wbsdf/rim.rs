@@ -7,7 +7,7 @@
 //! between source and receiver at the distances that the shortest way has when it is unfolded. The corners themselves stay
 //! out: see rectangle.rs.
 
-use std::f64::consts::{FRAC_PI_2, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -16,7 +16,7 @@ use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::edge::AboutEdge;
 use super::mask::Mask;
-use super::series::Legendre;
+use super::series::Panels;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
 use super::thick::{ThickAperture, is_thick};
 use super::two_edges::Run;
@@ -36,6 +36,7 @@ pub(super) struct Rim {
     spectrum: Spectrum,
     /// Wave numbers and weights where a side is narrow.
     nodes: Vec<(f64, f64)>,
+    panels: Panels,
     across_x: Option<NarrowSide>,
     across_y: Option<NarrowSide>,
 }
@@ -206,16 +207,15 @@ impl Rim {
         let (narrower, depth) =
             if narrowest_m(x) <= narrowest_m(y) { (x, [thickness_m, 0.0]) } else { (y, [0.0, thickness_m]) };
         let shares = [x, y].map(share);
-        let mut nodes = Vec::new();
+        let mut panels = Panels::new(Vec::new());
         if shares.iter().any(|s| *s > 0.0) {
             let extent = |mask: &Mask, share: f64| if share > 0.0 { span(mask)[1] - span(mask)[0] } else { 0.0 };
             let diagonal = extent(x, shares[0]).hypot(extent(y, shares[1]));
             // A side that is solved exactly is the narrower one, or both are.
-            let smooth =
-                0.7 * (high - low) * (diagonal + thickness_m) + resonant(narrower.openings(), thickness_m, low, high);
-            let count = if high > low { 4 + (smooth.ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
-            nodes = gauss_nodes(low, high, count).collect();
+            let width = narrowest_m(narrower);
+            panels = gap_panels(0.7 * (diagonal + thickness_m), thickness_m, [width; 2], [low, high]);
         }
+        let nodes = panels.nodes();
         let side = |mask: &Mask, share: f64, depth: f64| {
             (share > 0.0).then(|| {
                 let solved = nodes.iter().map(|(k, _)| ExactSide::new(mask, depth, *k)).collect();
@@ -223,7 +223,7 @@ impl Rim {
             })
         };
         let (across_x, across_y) = (side(x, shares[0], depth[0]), side(y, shares[1], depth[1]));
-        Self { x: x.clone(), y: y.clone(), spectrum: *spectrum, nodes, across_x, across_y }
+        Self { x: x.clone(), y: y.clone(), spectrum: *spectrum, nodes, panels, across_x, across_y }
     }
 
     /// Intensity at `receiver` of a point source at `source`, on opposite sides of z = 0, relative to the free field at 1 m.
@@ -244,14 +244,14 @@ impl Rim {
         receiver: DVec3,
     ) -> (impl Fn(f64) -> Complex64 + Send + Sync + use<>, f64) {
         let field = self.field(source, receiver);
-        let band = [self.spectrum.low_k(), self.spectrum.high_k()];
         let series = |(share, changes): (f64, Vec<(f64, Complex64, Complex64)>)| {
-            let mut values = changes.iter().map(|(_, exact, single)| share * exact / single + 1.0 - share);
-            Legendre::through(band, changes.len(), |_| values.next().unwrap_or(Complex64::ONE))
+            let values: Vec<Complex64> =
+                changes.iter().map(|(_, exact, single)| share * exact / single + 1.0 - share).collect();
+            self.panels.through(&values)
         };
-        let changes: Vec<Legendre> = self.narrow_sides(source, receiver).map(series).collect();
+        let changes: Vec<_> = self.narrow_sides(source, receiver).map(series).collect();
         let wander_m = field.wander_m();
-        (move |k| changes.iter().map(|change| change.at(k)).product::<Complex64>() * field.pressure(k), wander_m)
+        (move |k| changes.iter().map(|change| change(k)).product::<Complex64>() * field.pressure(k), wander_m)
     }
 
     /// Direct sound and what is diffracted by one edge, or two opposite ones that are no narrow side.
@@ -319,6 +319,33 @@ impl Rim {
         };
         Some(self.nodes.iter().zip(&narrow.solved).map(at).collect())
     }
+}
+
+/// Panels of the band `low_high` for what passes an opening through a wall of `thickness_m` (0: thin) and varies with the wave number
+/// like exp(i k d), d up to a few times `smooth_m`.
+///
+/// `width_m` of the narrower side, and of a slit whose waves lose as much at its mouth. A gap resonates from half a wavelength of its
+/// depth on, each mouth counted with twice its width: below, the panel has no nodes for resonances.
+pub(super) fn gap_panels(
+    smooth_m: f64,
+    thickness_m: f64,
+    [width_m, mouth_m]: [f64; 2],
+    [low, high]: [f64; 2],
+) -> Panels {
+    if high <= low {
+        return Panels::new(vec![([low, high], 1)]);
+    }
+    let first = if thickness_m > 0.0 { 0.9 * PI / (thickness_m + 4.0 * width_m) } else { f64::INFINITY };
+    let panel = |from: f64, to: f64, resonances: f64| {
+        let count = 4 + ((smooth_m * (to - from) + resonances).ceil() as usize).min(MOST_FREQUENCIES);
+        ([from, to], count)
+    };
+    let resonances = |from: f64| resonant(&[[0.0, mouth_m]], thickness_m, from, high);
+    Panels::new(match first {
+        _ if first >= high => vec![panel(low, high, 0.0)],
+        _ if first <= low => vec![panel(low, high, resonances(low))],
+        _ => vec![panel(low, first, 0.0), panel(first, high, resonances(first))],
+    })
 }
 
 /// The direct sound and what the edges send.

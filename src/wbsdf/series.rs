@@ -36,6 +36,39 @@ impl Legendre {
     }
 }
 
+/// Panels of a band with Gauss nodes, as many in each as a function of the wave number asks for there.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Panels(Vec<([f64; 2], usize)>);
+
+impl Panels {
+    /// `panels`: limits, one after the other, and number of nodes.
+    pub(super) fn new(panels: Vec<([f64; 2], usize)>) -> Self {
+        Self(panels)
+    }
+
+    /// Wave numbers and weights for the mean over the band.
+    pub(super) fn nodes(&self) -> Vec<(f64, f64)> {
+        let whole: f64 = self.0.iter().map(|([low, high], _)| high - low).sum();
+        let share = |[low, high]: [f64; 2]| if whole > 0.0 { (high - low) / whole } else { 1.0 };
+        let panel = |&(limits, count): &([f64; 2], usize)| {
+            gauss_nodes(limits[0], limits[1], count).map(move |(k, weight)| (k, weight * share(limits)))
+        };
+        self.0.iter().flat_map(panel).collect()
+    }
+
+    /// The function with these values at the nodes.
+    pub(super) fn through(&self, values: &[Complex64]) -> impl Fn(f64) -> Complex64 + Send + Sync + use<> {
+        let mut values = values.iter();
+        let mut next = |_| values.next().copied().unwrap_or(Complex64::ZERO);
+        let panel = |&(limits, count): &([f64; 2], usize)| (limits[1], Legendre::through(limits, count, &mut next));
+        let series: Vec<(f64, Legendre)> = self.0.iter().map(panel).collect();
+        move |k| {
+            let panel = series.iter().find(|(high, _)| k <= *high).or(series.last());
+            panel.map_or(Complex64::ZERO, |(_, series)| series.at(k))
+        }
+    }
+}
+
 /// P_0(x), P_1(x), ...
 pub(crate) fn polynomials(x: f64) -> impl Iterator<Item = f64> {
     let mut state = (1.0, x, 1.0);
@@ -49,6 +82,21 @@ pub(crate) fn polynomials(x: f64) -> impl Iterator<Item = f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn panels_carry_a_wave_and_its_mean() {
+        let panels = Panels::new(vec![([1.0, 1.5], 10), ([1.5, 3.0], 14)]);
+        let wave = |k: f64| Complex64::from_polar(1.0, 3.0 * k);
+        let nodes = panels.nodes();
+        let through = panels.through(&nodes.iter().map(|(k, _)| wave(*k)).collect::<Vec<_>>());
+        for k in [1.0, 1.5, 1.7, 3.0] {
+            assert!((through(k) - wave(k)).norm() < 1e-7, "{k}");
+        }
+        let mean: Complex64 = nodes.iter().map(|(k, weight)| wave(*k) * *weight).sum();
+        let exact = (wave(3.0) - wave(1.0)) / Complex64::new(0.0, 6.0);
+        assert!((mean - exact).norm() < 1e-9, "{mean} {exact}");
+        assert_eq!(Panels::new(vec![([2.0, 2.0], 1)]).nodes(), [(2.0, 1.0)]);
+    }
 
     #[test]
     fn a_wave_is_interpolated_and_a_tone_keeps_its_value() {
