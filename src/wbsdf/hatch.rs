@@ -97,37 +97,29 @@ impl Hatch {
         let [x, y] = &self.sides;
         let across_x = nodes(x, from.x, z.hypot(beyond(from.y, y.half_m)), highest);
         let across_y = nodes(y, from.y, z.hypot(beyond(from.x, x.half_m)), highest);
-        let mut sums = vec![Parts::zeros(self.size()); self.at.len()];
-        let mut row = Parts::zeros(x.count);
-        let mut lengths = vec![0.0; across_x.x_m.len()];
-        let mut waves = vec![(0.0, 0.0); lengths.len()];
-        for (b, b_functions) in across_y.each() {
-            let square = (from.y - b).powi(2) + z * z;
-            lengths.iter_mut().zip(&across_x.x_m).for_each(|(r, a)| *r = ((from.x - a).powi(2) + square).sqrt());
-            for (at, sums) in self.at.iter().zip(&mut sums) {
-                waves.iter_mut().zip(&lengths).for_each(|(wave, r)| *wave = sin_cos(at.k * r));
-                row.re.fill(0.0);
-                row.im.fill(0.0);
-                for ((_, a_functions), (r, (sin, cos))) in across_x.each().zip(lengths.iter().zip(&waves)) {
-                    let (re, im) = (cos / r, sin / r);
-                    row.re.iter_mut().zip(a_functions).for_each(|(value, f)| *value += re * f);
-                    row.im.iter_mut().zip(a_functions).for_each(|(value, f)| *value += im * f);
-                }
-                let add = |sums: &mut [f64], row: &[f64]| {
-                    for (sums, value) in sums.chunks_exact_mut(y.count).zip(row) {
-                        sums.iter_mut().zip(b_functions).for_each(|(sum, f)| *sum += value * f);
-                    }
-                };
-                add(&mut sums.re, &row.re);
-                add(&mut sums.im, &row.im);
+        let square = |a: &f64, b: &f64| (from.x - a).powi(2) + (from.y - b).powi(2) + z * z;
+        let all = across_y.x_m.iter().flat_map(|b| across_x.x_m.iter().map(move |a| square(a, b).sqrt()));
+        let lengths: Vec<f64> = all.collect();
+        let (along_x, along_y) = (across_x.x_m.len(), across_y.x_m.len());
+        // The free field at the places, x fastest, its real parts before its imaginary ones.
+        let mut field = DMatrix::zeros(along_x, 2 * along_y);
+        let mut moments = Parts { re: Vec::new(), im: Vec::new() };
+        for at in &self.at {
+            let (re, im) = field.as_mut_slice().split_at_mut(lengths.len());
+            for ((re, im), r) in re.iter_mut().zip(im).zip(&lengths) {
+                let (sin, cos) = sin_cos(at.k * r);
+                (*re, *im) = (cos / r, sin / r);
             }
+            let by_x = &across_x.functions * &field;
+            let by_x = DMatrix::from_fn(along_y, 2 * x.count, |b, column| {
+                by_x[(column % x.count, column / x.count * along_y + b)]
+            });
+            let by_both = &across_y.functions * by_x;
+            let (re, im) = by_both.as_slice().split_at(self.size());
+            self.by_parity(re, &mut moments.re);
+            self.by_parity(im, &mut moments.im);
         }
-        let mut ordered = Parts { re: Vec::new(), im: Vec::new() };
-        for sums in &sums {
-            self.by_parity(&sums.re, &mut ordered.re);
-            self.by_parity(&sums.im, &mut ordered.im);
-        }
-        View(ordered)
+        View(moments)
     }
 
     /// Appends moments, x slowest, in the order of the blocks.
@@ -247,17 +239,10 @@ fn blocks(sides: &[SideFunctions; 2], re: &DMatrix<f64>, im: &DMatrix<f64>) -> V
     PARITIES.iter().map(block).collect()
 }
 
-/// Places along a side with the values of its functions times sqrt(1 - x^2) and the weight, place after place.
+/// Places along a side with the values of its functions (rows) times sqrt(1 - x^2) and the weight.
 struct Nodes {
     x_m: Vec<f64>,
-    functions: Vec<f64>,
-    count: usize,
-}
-
-impl Nodes {
-    fn each(&self) -> impl Iterator<Item = (f64, &[f64])> {
-        self.x_m.iter().copied().zip(self.functions.chunks_exact(self.count))
-    }
+    functions: DMatrix<f64>,
 }
 
 /// Nodes along a side for the field of a point at `x_m` along it and `off_m` from it: x = a cos(tau).
@@ -290,7 +275,7 @@ fn nodes(side: &SideFunctions, x_m: f64, off_m: f64, k: f64) -> Nodes {
         values.iter_mut().for_each(|value| *value *= weight);
     }
     let x_m = taus.iter().map(|(tau, _)| side.half_m * tau.cos()).collect();
-    Nodes { x_m, functions, count: side.count }
+    Nodes { x_m, functions: DMatrix::from_vec(side.count, taus.len(), functions) }
 }
 
 /// Transmitted power of a plane wave at normal incidence over the power that meets the area of the opening, mean over the wave
