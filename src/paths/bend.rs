@@ -173,12 +173,13 @@ impl<'a> Ends<'_, 'a> {
             }
             Origin::At(position) => (way_m(&from, &to, on_edge_m), (self.receiver - position).length()),
         };
-        // An edge in sight is felt near its shadow boundary and near the reflection boundaries of its faces.
         let apart_m = if two_dimensional { 0.0 } else { to.along_m - from.along_m };
-        let detour = (length_m - straight_m).min(image_detour_m(edge, &from, &to, length_m, apart_m));
-        let low_hz = spectra.first()?.low_hz;
-        if lit && !scene.adds_pressures() && 2.0 * detour * low_hz / scene.air.speed_of_sound_m_s > FELT_FRESNEL {
-            return None;
+        // An edge in sight is felt near its shadow boundary and near the reflection boundaries of its faces.
+        if lit && !scene.adds_pressures() {
+            let detour = (length_m - straight_m).min(image_detour_m(edge, &from, &to, length_m, apart_m));
+            if 2.0 * detour * spectra.first()?.low_hz / scene.air.speed_of_sound_m_s > FELT_FRESNEL {
+                return None;
+            }
         }
         Some(Way { from, to, on_edge_m, sin_beta, length_m, straight_m, apart_m })
     }
@@ -187,10 +188,8 @@ impl<'a> Ends<'_, 'a> {
     /// the free field over the way where that is less.
     pub(super) fn bound(&self, way: &Way, k: f64) -> f64 {
         let Way { from, to, length_m, sin_beta, .. } = way;
+        let cotangents = edge::cotangents(self.edge.exterior_angle, from.phi, to.phi);
         let n = self.edge.exterior_angle / PI;
-        let (difference, sum) = (to.phi - from.phi, to.phi + from.phi);
-        let angles = [PI + difference, PI - difference, PI + sum, PI - sum];
-        let cotangents: f64 = angles.iter().map(|angle| (0.5 * angle / n).tan().abs().recip()).sum();
         let (spread_m, free) = match self.pair.kind {
             SourceKind::Point => (from.r_m * to.r_m * length_m, 1.0 / length_m),
             SourceKind::Line(_) => (from.r_m * to.r_m, 1.0 / length_m.sqrt()),

@@ -4,8 +4,6 @@
 //! edge alone already exists and is multiplied by what the first one changes: so levels are continuous where an edge comes
 //! into sight. Sound that is reflected between the two edges (by the ground between two barriers) is left out.
 
-use std::f64::consts::FRAC_PI_4;
-
 use glam::{DVec2, DVec3};
 use num_complex::Complex64;
 
@@ -17,9 +15,8 @@ use super::{Pair, Specular};
 use crate::geometry::{Edge, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{SourceKind, Transport};
-use crate::wbsdf::chain::{Chain, ChainField, Corner, From, Passage};
+use crate::wbsdf::chain::{Chain, ChainField, ChainRays, Corner, From, Passage};
 use crate::wbsdf::crossing::Spectrum;
-use crate::wbsdf::utd;
 
 /// A chain weaker than this relative to the strongest path in the lowest band is left out (-50 dB): higher bands lose more.
 const FAINT: f64 = 1e-5;
@@ -27,6 +24,20 @@ const FAINT: f64 = 1e-5;
 const ON_FACE: f64 = 1e-6;
 /// Relative accuracy of the integral over the portal.
 const ACCURACY: f64 = 2e-3;
+
+/// Sound that changes no level by more than this times what nobody hears (0.004 dB) is taken from the uniform theory, whose
+/// error of 3 dB is then below 0.002 dB of the level.
+const FEEBLE: f64 = 10.0;
+
+/// How a chain is reckoned in a band.
+enum Form {
+    /// Not at all: nobody hears it.
+    Silent,
+    /// By the uniform theory: where it is feeble, or asked for as the second opinion.
+    Rays(ChainRays),
+    /// By the exact fields of both edges.
+    Field(Box<ChainField>),
+}
 
 /// Two parallel edges in the plane across them.
 struct Two<'a> {
@@ -229,19 +240,18 @@ impl Over<'_> {
         }
         // Over long ways only low bands may bring anything.
         let heard = Heard::new(self.pair, paths);
-        let silent_in = |(band, spectrum): (usize, &Spectrum)| {
+        let loudness = |(band, spectrum): (usize, &Spectrum)| {
             let bound = (chain.bound(spectrum.low_k()) * self.free()).sqrt();
-            changed.is_none() && heard.drowns_in(band, spectrum, self.over_m(), bound)
+            if changed.is_some() { f64::INFINITY } else { heard.loudness(band, spectrum, self.over_m(), bound) }
         };
-        let silent: Vec<bool> = spectra.iter().enumerate().map(silent_in).collect();
-        if silent.iter().all(|silent| *silent) {
+        let loudness: Vec<f64> = spectra.iter().enumerate().map(loudness).collect();
+        if loudness.iter().all(|loudness| *loudness < 1.0) {
             return None;
         }
         let factors: Vec<f64> = before.factors.iter().zip(&after.factors).map(|(a, b)| a * b).collect();
-        if scene.adds_pressures() {
-            waves.extend(self.wave(origin, apexes[0], &factors, &silent));
-        }
-        if let Some(changed) = changed.filter(|_| scene.simulation.transport != Transport::Utd) {
+        let (pressures, utd) = (scene.adds_pressures(), scene.simulation.transport == Transport::Utd);
+        let mut forms = Vec::with_capacity(spectra.len());
+        if let Some(changed) = changed.filter(|_| !utd) {
             for (band, spectrum) in spectra.iter().enumerate() {
                 // Short waves do not feel an edge in sight that long ones do.
                 let fade = |detour_m: f64| {
@@ -251,31 +261,47 @@ impl Over<'_> {
                 };
                 let beyond_m = if paths[changed].bent { 0.0 } else { chain.beyond_m() };
                 let felt = fade(chain.detour_m()) * fade(beyond_m);
+                let field = if felt > 0.0 || pressures { ChainField::new(*chain, spectrum) } else { None };
                 if felt > 0.0
-                    && let Some(change) = ChainField::new(*chain, spectrum).and_then(|field| field.change(spectrum))
+                    && let Some(change) = field.as_ref().and_then(|field| field.change(spectrum))
                 {
                     paths[changed].path.intensity[band] *= 1.0 + felt * (change - 1.0);
                 }
+                forms.push(field.map_or(Form::Silent, |field| Form::Field(Box::new(field))));
+            }
+            if pressures {
+                waves.push(self.wave(origin, apexes[0], &factors, forms));
             }
             return Some(());
         }
         if passage != Passage::Shadow {
             return None;
         }
+        let length_m = self.over_m();
         let mut intensity = Vec::with_capacity(spectra.len());
-        let mut length_m = self.over_m();
         for (band, spectrum) in spectra.iter().enumerate() {
-            if silent[band] {
-                intensity.push(0.0);
-                continue;
-            }
-            let (mean, length) = self.mean(spectrum)?;
-            let air = (-scene.air.attenuation_per_m[band] * length).exp();
+            let form = match loudness[band] {
+                loudness if loudness < 1.0 => Form::Silent,
+                loudness if loudness < FEEBLE || utd => Form::Rays(ChainRays::new(chain)),
+                _ => Form::Field(Box::new(ChainField::new(*chain, spectrum)?)),
+            };
+            let mean = match &form {
+                Form::Silent => 0.0,
+                Form::Rays(rays) => rays.mean(spectrum),
+                Form::Field(field) => field.mean(spectrum),
+            };
+            let air = (-scene.air.attenuation_per_m[band] * length_m).exp();
             intensity.push(mean * factors[band] * air);
-            length_m = length;
-            if band == 0 && intensity[0] < FAINT * strongest {
+            forms.push(form);
+            if band == 0 && loudness[0] >= 1.0 && intensity[0] < FAINT * strongest && !pressures {
                 return None;
             }
+        }
+        if pressures {
+            waves.push(self.wave(origin, apexes[0], &factors, forms));
+        }
+        if loudness[0] >= 1.0 && intensity[0] < FAINT * strongest {
+            return None;
         }
         let way_m = match (origin, chain.from) {
             // A plane wave counts from the origin of coordinates.
@@ -317,11 +343,9 @@ impl Over<'_> {
     }
 
     /// The sound over both edges as a pressure; where one of them is passed in sight, what it changes of that over the other.
-    /// `silent`: bands that nobody hears.
-    fn wave<'w>(&self, origin: Origin, apex: DVec3, factors: &[f64], silent: &[bool]) -> Option<Wave<'w>> {
-        let &Pair { scene, spectra, kind, .. } = self.pair;
-        let chain = self.chain;
-        let [_, between, behind] = chain.legs_m();
+    fn wave<'w>(&self, origin: Origin, apex: DVec3, factors: &[f64], forms: Vec<Form>) -> Wave<'w> {
+        let scene = self.pair.scene;
+        let [_, between, behind] = self.chain.legs_m();
         // A plane wave's field counts its phase from the first edge on, across the edges.
         let (length_m, ahead_m) = match origin {
             Origin::Along(direction) => {
@@ -334,46 +358,20 @@ impl Over<'_> {
         let air = |m: f64| (-m * length_m).exp();
         let attenuation = &scene.air.attenuation_per_m;
         let amplitudes: Vec<f64> = factors.iter().zip(attenuation).map(|(f, m)| (f * air(*m)).sqrt()).collect();
-        let shadow = chain.passage() == Passage::Shadow;
-        if scene.simulation.transport == Transport::Utd {
-            let (turns, legs_m, (wave, sin_beta)) = (chain.turns(), chain.legs_m(), chain.space_wave());
-            let turn = if let SourceKind::Line(_) = kind { -FRAC_PI_4 } else { 0.0 };
-            return shadow.then(|| Wave {
-                length_m,
-                wander_m: 0.0,
-                sound: Sound::at(move |band, k| {
-                    let pressure = utd::two_edges(turns, legs_m, chain.common_face, wave, k * sin_beta);
-                    pressure * Complex64::from_polar(amplitudes[band], k * ahead_m + turn)
-                }),
-            });
-        }
-        // The portal is as long as the longest waves of a band and as fine as its shortest.
-        let field = |(spectrum, silent): (&Spectrum, &bool)| match silent {
-            true => Some(None),
-            false => ChainField::new(chain, spectrum).map(Some),
-        };
-        let fields: Vec<Option<ChainField>> = spectra.iter().zip(silent).map(field).collect::<Option<_>>()?;
-        Some(Wave {
+        let shadow = self.chain.passage() == Passage::Shadow;
+        Wave {
             length_m,
-            wander_m: chain.detour_m(),
+            wander_m: self.chain.detour_m(),
             sound: Sound::at(move |band, k| {
-                let Some(field) = &fields[band] else { return Complex64::ZERO };
-                let pressure = if shadow { field.pressure(k) } else { field.correction(k).unwrap_or_default() };
+                let pressure = match &forms[band] {
+                    Form::Silent => return Complex64::ZERO,
+                    Form::Rays(rays) => rays.pressure(k),
+                    Form::Field(field) if shadow => field.pressure(k),
+                    Form::Field(field) => field.correction(k).unwrap_or_default(),
+                };
                 pressure * Complex64::from_polar(amplitudes[band], k * ahead_m)
             }),
-        })
-    }
-
-    /// Band mean of the intensity over both edges, and the length in m of the way.
-    fn mean(&self, spectrum: &Spectrum) -> Option<(f64, f64)> {
-        if self.pair.scene.simulation.transport == Transport::Utd {
-            let (turns, legs_m, (wave, sin_beta)) = (self.chain.turns(), self.chain.legs_m(), self.chain.space_wave());
-            let power = |k: f64| utd::two_edges(turns, legs_m, self.chain.common_face, wave, k * sin_beta).norm_sqr();
-            let mean = utd::band_nodes(spectrum, 0.0).iter().map(|(k, weight)| weight * power(*k)).sum();
-            return Some((mean, self.over_m()));
         }
-        let field = ChainField::new(self.chain, spectrum)?;
-        Some((field.mean(spectrum), field.length_m()))
     }
 
     fn label(&self, edges: &[&Edge]) -> String {

@@ -44,7 +44,8 @@ pub(super) fn reached(tree: &ImageTree, geometry: &Geometry, edges: &[(&Edge, bo
                 Origin::At(at) => place(edge, at),
                 Origin::Along(_) => Place::NONE,
             };
-            let outside = about.phi > edge.exterior_angle + 1e-9;
+            // An edge lies in the planes of its faces: it sees no image in them.
+            let outside = about.phi > edge.exterior_angle + 1e-9 || image.is_last_in(&edge.planes);
             let dark = || between_ends && !may_reach(&tree.images, geometry, i, &ends[e]);
             (!outside && !dark()).then_some((e, about))
         };
@@ -199,20 +200,29 @@ impl Heard {
 
     /// Whether what comes over an edge, at most `bound` at the lowest wave number, is inaudible in every band.
     fn drowns(&self, pair: &Pair<'_>, length_m: f64, bound: f64) -> bool {
+        let apart_m = self.apart_m(length_m);
         let in_band = |(band, spectrum): (usize, &Spectrum)| {
-            self.drowns_in(band, spectrum, length_m, bound * (self.low_k / spectrum.low_k()).sqrt())
+            self.change(band, spectrum, apart_m, bound * (self.low_k / spectrum.low_k()).sqrt()) < UNHEARD
         };
         pair.spectra.iter().enumerate().all(in_band)
     }
 
-    /// Whether sound with at most the amplitude `bound` in a band changes no level by more than [`UNHEARD`], as energy or by
-    /// interference.
-    pub(super) fn drowns_in(&self, band: usize, spectrum: &Spectrum, length_m: f64, bound: f64) -> bool {
-        let apart_m = self.lengths_m.iter().map(|m| (m - length_m).abs()).fold(f64::INFINITY, f64::min);
+    /// By how much sound over a way `length_m` long with at most the amplitude `bound` in a band changes intensities at most, as
+    /// energy or by interference, relative to the strongest, in units of what nobody hears.
+    pub(super) fn loudness(&self, band: usize, spectrum: &Spectrum, length_m: f64, bound: f64) -> f64 {
+        self.change(band, spectrum, self.apart_m(length_m), bound) / UNHEARD
+    }
+
+    /// Difference in m to the way that is nearest in length.
+    fn apart_m(&self, length_m: f64) -> f64 {
+        self.lengths_m.iter().map(|m| (m - length_m).abs()).fold(f64::INFINITY, f64::min)
+    }
+
+    fn change(&self, band: usize, spectrum: &Spectrum, apart_m: f64, bound: f64) -> f64 {
         let ratio = bound / self.strongest[band];
         // The mean of a cosine over the band.
         let mean = (2.0 / ((spectrum.high_k() - spectrum.low_k()) * apart_m)).min(1.0);
-        ratio * ratio + 2.0 * ratio * mean < UNHEARD
+        ratio * ratio + 2.0 * ratio * mean
     }
 
     /// Far from its boundaries an edge sends amplitudes like 1/sqrt(k), on them all alike.

@@ -52,6 +52,13 @@ pub struct Image {
     pub(super) parent: Option<usize>,
 }
 
+impl Image {
+    /// Whether the reflection next to what sees the image is by one of these planes.
+    pub(super) fn is_last_in(&self, planes: &[usize]) -> bool {
+        self.planes.last().is_some_and(|plane| planes.contains(plane))
+    }
+}
+
 /// A source (or probe, by reciprocity) with its images.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImageTree {

@@ -30,6 +30,18 @@ pub struct AboutEdge {
     pub phi: f64,
 }
 
+/// Sum of |cot((pi +- (phi - phi'))/2n)| and |cot((pi +- (phi + phi'))/2n)|, n pi the exterior angle: Keller's coefficient with
+/// all its terms of one sign, times 2 n sqrt(2 pi k). Infinite on a boundary.
+pub fn cotangents(exterior_angle: f64, from: f64, to: f64) -> f64 {
+    let n = exterior_angle / PI;
+    let whole = if n == 2.0 { 1.0 } else { (FRAC_PI_2 / n).tan() };
+    let pair = |angle: f64| {
+        let part = (0.5 * angle / n).tan();
+        ((1.0 - whole * part) / (whole + part)).abs() + ((1.0 + whole * part) / (whole - part)).abs()
+    };
+    pair(to - from) + pair(to + from)
+}
+
 /// Phase in radians at the lower band edge over which the rays fade out (see mask.rs).
 const FADE: [f64; 2] = [6.0 * PI, 18.0 * PI];
 
@@ -128,5 +140,24 @@ impl Wedge {
         }
         let second = run(tolerance * first.value.abs().max(1e-9 * first.absolute));
         RaySum { rays: first.rays + second.rays, ..second }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sum_of_cotangents_is_kellers_with_all_terms_of_one_sign() {
+        for exterior_angle in [1.2, 1.5, 1.75, 1.99, 2.0].map(|n| n * PI) {
+            for (from, to) in [(0.0, 1.1), (0.3, 3.9), (2.0, 0.4), (1.0, exterior_angle), (3.1, 3.2)] {
+                let n = exterior_angle / PI;
+                let angles = [PI + (to - from), PI - (to - from), PI + (to + from), PI - (to + from)];
+                let expected: f64 = angles.iter().map(|angle| (0.5 * angle / n).tan().abs().recip()).sum();
+                let got = cotangents(exterior_angle, from, to);
+                assert!((got / expected - 1.0).abs() < 1e-12, "{exterior_angle} {from} {to}: {got} {expected}");
+            }
+        }
+        assert!(cotangents(2.0 * PI, 0.5, 0.5 + PI) > 1e12);
     }
 }
