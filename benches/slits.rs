@@ -121,7 +121,7 @@ fn levels_with_tables(bencher: Bencher, scene: &Scene) {
     let ((mask, thickness_m), crossings, bands) = (scene.mask(), scene.crossings(), octaves());
     let tables = SlitTables::new(mask, thickness_m, &bands);
     let level = |c: &Crossing| -> f64 {
-        let lit = tables.source(&c.incident);
+        let lit = tables.source(c);
         let of_band = |(i, band)| {
             intensity(tables.mask(), thickness_m, c, band, || Some(tables.band(i, &lit, &c.incident)), TOLERANCE).value
         };

@@ -159,7 +159,7 @@ impl Gap {
                 };
                 let length = shortest(&crossing, mask);
                 let rays = scene.adds_pressures().then(|| OpeningRays::new(mask.openings(), &crossing));
-                let lit = (slit::sin_beta(mask, &crossing) == 1.0).then(|| tables.source(&incident));
+                let lit = (slit::sin_beta(mask, &crossing) == 1.0).then(|| tables.source(&crossing));
                 let mut intensity = Vec::with_capacity(spectra.len());
                 let mut error = Vec::with_capacity(spectra.len());
                 let mut factors = Vec::with_capacity(spectra.len());

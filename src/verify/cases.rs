@@ -51,7 +51,7 @@ impl Case {
     }
 
     /// Whether sound meets a single edge.
-    fn about_edge(&self) -> bool {
+    pub(super) fn about_edge(&self) -> bool {
         self.name.contains("half-plane") || self.name.contains("wedge")
     }
 

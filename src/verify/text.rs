@@ -179,7 +179,7 @@ pub(super) fn tables(verified: &Verified) -> String {
     }
     for ratio in verified.ratios() {
         bars.add_row([
-            format!("time a level: {} / wbsdf, {} cases", ratio.other, ratio.cases),
+            format!("time a level: {} / wbsdf, {}", ratio.other, ratio.which()),
             String::new(),
             format!("≥ {}", times(ratio.least_wanted)),
             format!("{} ({}; {})", times(ratio.median), times(ratio.least), times(ratio.overall)),

@@ -106,6 +106,12 @@ impl Aperture {
         strengths
     }
 
+    /// `shapes`^T times what leaves the openings for each of the columns of `shapes` as incident pressure at the nodes.
+    pub(super) fn moments(&self, shapes: &DMatrix<f64>) -> [DMatrix<f64>; 2] {
+        let weighted = DMatrix::from_fn(shapes.nrows(), shapes.ncols(), |i, j| self.steps[i] * shapes[(i, j)]);
+        self.factors.moments(&weighted, shapes)
+    }
+
     /// The nodes' places across the openings in m.
     pub(super) fn positions(&self) -> &[f64] {
         &self.nodes

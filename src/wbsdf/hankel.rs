@@ -233,7 +233,7 @@ fn bessel0_near(x: f64) -> f64 {
 }
 
 /// H0 and H1 (real and imaginary parts) of several x > 0 side by side; relative error below 1e-11.
-#[inline]
+#[inline(always)]
 pub(super) fn hankel01<const N: usize>(x: &[f64; N]) -> [[[f64; N]; 2]; 2] {
     let mut values = [[[0.0; N]; 2]; 2];
     if x.iter().all(|x| *x >= SPLIT) {
@@ -252,6 +252,19 @@ pub(super) fn hankel01<const N: usize>(x: &[f64; N]) -> [[[f64; N]; 2]; 2] {
         }
         return values;
     }
+    if x.iter().all(|x| *x < SPLIT) {
+        let logarithms = x.map(f64::ln);
+        for i in 0..N {
+            let t = x[i] * x[i] / 32.0 - 1.0;
+            let (j0, j1) = (polynomial(&NEAR_J, t), x[i] * polynomial(&NEAR_J1, t));
+            let logarithm = FRAC_2_PI * logarithms[i];
+            values[0][0][i] = j0;
+            values[0][1][i] = polynomial(&NEAR_Y, t) + logarithm * j0;
+            values[1][0][i] = j1;
+            values[1][1][i] = x[i] * polynomial(&NEAR_Y1, t) + logarithm * j1 - FRAC_2_PI / x[i];
+        }
+        return values;
+    }
     for i in 0..N {
         let [zero, one] = hankel01_of(x[i]);
         (values[0][0][i], values[0][1][i], values[1][0][i], values[1][1][i]) = (zero.re, zero.im, one.re, one.im);
@@ -261,21 +274,12 @@ pub(super) fn hankel01<const N: usize>(x: &[f64; N]) -> [[[f64; N]; 2]; 2] {
 
 /// H0 and H1 of one x > 0.
 fn hankel01_of(x: f64) -> [Complex64; 2] {
-    if x >= SPLIT {
-        let [zero, one] = hankel01(&[x]);
-        return [zero, one].map(|[re, im]| Complex64::new(re[0], im[0]));
-    }
-    let t = x * x / 32.0 - 1.0;
-    let (j0, j1) = (polynomial(&NEAR_J, t), x * polynomial(&NEAR_J1, t));
-    let logarithm = FRAC_2_PI * x.ln();
-    [
-        Complex64::new(j0, polynomial(&NEAR_Y, t) + logarithm * j0),
-        Complex64::new(j1, x * polynomial(&NEAR_Y1, t) + logarithm * j1 - FRAC_2_PI / x),
-    ]
+    let [zero, one] = hankel01(&[x]);
+    [zero, one].map(|[re, im]| Complex64::new(re[0], im[0]))
 }
 
 /// |H0|^2 of several x > 0 side by side.
-#[inline]
+#[inline(always)]
 pub(super) fn hankel0_square<const N: usize>(x: &[f64; N]) -> [f64; N] {
     if x.iter().all(|x| *x >= SPLIT) {
         return x.map(|x| {

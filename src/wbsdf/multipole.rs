@@ -13,14 +13,15 @@
 //! with it, a receiver behind it the waves h_n and one sum. Several openings have a circle each. J_n is taken over
 //! s_n = (k b/2)^n/n! and H_n times it, so that nothing overflows: both then go like (x/b)^n and (b/r)^n while small.
 
-use num_complex::Complex64;
+use nalgebra::DMatrix;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::crossing::{Crossing, Incident};
-use super::hankel::{hankel0_square, hankel01};
+use super::hankel::{hankel0_square, hankel01, sin_cos};
 use super::slit::Solver;
 
-/// Frequencies that are followed side by side.
-pub(super) const LANES: usize = 4;
+/// Frequencies that are followed side by side: the widest vectors there are.
+pub(super) const LANES: usize = 8;
 pub(super) type Lanes = [f64; LANES];
 
 /// Distances from an opening's middle over half of its width for which the number of waves is known; nearer than the first
@@ -57,7 +58,7 @@ struct Circle {
     start: usize,
 }
 
-/// Four wave numbers with their T, row after row.
+/// Some wave numbers with their T, row after row: of each the columns that count, one after another.
 struct Block {
     k: Lanes,
     /// Shares of the band; 0 for lanes that only fill the block.
@@ -72,16 +73,31 @@ pub(super) struct Multipoles {
     depth_m: f64,
     /// Waves of all openings.
     count: usize,
+    /// 2 for one opening, its own mirror image: even waves make even ones, every other column is empty. Else 1.
+    step: usize,
     blocks: Vec<Block>,
 }
 
 /// What one source makes leave the openings: moments T h, block after block.
 pub struct Lit {
     moments: Vec<[Lanes; 2]>,
+    /// Index of the distance in [`REACHES`] for which, and beyond, there are moments enough.
+    reach: usize,
 }
+
+/// Indices of the [`REACHES`] for which moments are made.
+const NEARNESSES: [usize; 3] = [0, 3, 5];
 
 /// A place as the openings see it: distance in m and cosine of the angle to the plane, from each one's middle.
 type Seen = Vec<(f64, f64)>;
+
+/// Which moments the place (x, distance from the middle of a wall of `thickness_m`), in m, asks for behind `openings`.
+pub(super) fn nearness(openings: &[[f64; 2]], thickness_m: f64, (x_m, z_m): (f64, f64)) -> usize {
+    let z_m = z_m - 0.5 * thickness_m;
+    let over = |o: &[f64; 2]| ((x_m - 0.5 * (o[0] + o[1])).powi(2) + z_m * z_m) / (0.5 * (o[1] - o[0])).powi(2);
+    let nearest = openings.iter().map(over).fold(f64::INFINITY, f64::min);
+    NEARNESSES.iter().rev().copied().find(|reach| nearest >= REACHES[*reach].powi(2)).unwrap_or(NEARNESSES[0])
+}
 
 /// J_n(k x)/s_n of orders 0..=`order`, for `share` = x/b in -1..=1 and `kb` = k b.
 fn regular(order: usize, kb: f64, share: f64) -> Vec<f64> {
@@ -184,67 +200,100 @@ impl Multipoles {
             return None;
         }
         let blocks = nodes.chunks(LANES).map(|nodes| Block::new(&circles, count, nodes)).collect();
-        Some(Self { circles, depth_m: 0.5 * thickness_m, count, blocks })
+        let step = if circles.len() == 1 { 2 } else { 1 };
+        Some(Self { circles, depth_m: 0.5 * thickness_m, count, step, blocks })
     }
 
-    /// The place (x, distance from the middle of the wall), in m; `None` if it is too near to an opening.
-    pub(super) fn see(&self, x_m: f64, z_m: f64) -> Option<Seen> {
+    /// The place (x, distance from the middle of the wall), in m, if it is not nearer than `lit` is made for.
+    pub(super) fn see_by(&self, lit: &Lit, x_m: f64, z_m: f64) -> Option<Seen> {
+        self.see(x_m, z_m, REACHES[lit.reach])
+    }
+
+    /// The place (x, distance from the middle of the wall), in m; `None` if it is nearer than `reach` half widths to an opening.
+    fn see(&self, x_m: f64, z_m: f64, reach: f64) -> Option<Seen> {
         let z_m = z_m - self.depth_m;
         let from = |circle: &Circle| {
             let x_m = x_m - circle.middle_m;
             let r_m = (x_m * x_m + z_m * z_m).sqrt();
-            (r_m >= REACHES[0] * circle.half_m).then_some((r_m, x_m / r_m))
+            (r_m >= reach * circle.half_m).then_some((r_m, x_m / r_m))
         };
         self.circles.iter().map(from).collect()
     }
 
-    /// The field that `incident` makes leave the openings; `None` if it starts too near to one.
-    pub(super) fn light(&self, incident: &Incident) -> Option<Lit> {
+    /// The field that `incident` makes leave the openings, for receivers at the `reach` or beyond ([`nearness`]); `None` if it
+    /// starts too near to one.
+    pub(super) fn light(&self, incident: &Incident, reach: usize) -> Option<Lit> {
         let seen = match *incident {
-            Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => Some(self.see(x_m, z_m)?),
+            Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => Some(self.see(x_m, z_m, REACHES[0])?),
             Incident::Plane { .. } => None,
         };
-        let mut moments = Vec::with_capacity(self.count * self.blocks.len());
-        let mut arriving = vec![[[0.0; LANES]; 2]; self.count];
-        for block in &self.blocks {
-            let mut used = Vec::with_capacity(self.circles.len());
+        let moments = Arch::new().dispatch(MakeMoments { of: self, seen: seen.as_deref(), incident, reach });
+        Some(Lit { moments, reach })
+    }
+
+    /// T times the waves of `incident`, which is `seen` there unless it is a plane wave, block after block.
+    #[inline(always)]
+    fn moments(&self, seen: Option<&[(f64, f64)]>, incident: &Incident, reach: usize) -> Vec<[Lanes; 2]> {
+        let (step, width) = (self.step, self.count.div_ceil(self.step));
+        let mut moments = vec![[[0.0; LANES]; 2]; self.count * self.blocks.len()];
+        // Waves of even orders, then those of odd ones, where they part company.
+        let mut arriving = vec![[[0.0; LANES]; 2]; step * width];
+        let mut used = vec![0; self.circles.len()];
+        for (block, moments) in self.blocks.iter().zip(moments.chunks_mut(self.count)) {
             for (i, circle) in self.circles.iter().enumerate() {
-                let own = &mut arriving[circle.start..];
-                match (&seen, incident) {
+                let place = |n: usize| (n % step) * width + (circle.start + n) / step;
+                match (seen, incident) {
                     (Some(seen), _) => {
-                        let order = circle.order_at(seen[i].0);
-                        waves(&block.k, circle.half_m, seen[i], order, |n, wave, factor| {
-                            own[n] = wave.map(|part| part.map(|w| w * factor));
-                        });
-                        used.push(order);
+                        used[i] = circle.order_at(seen[i].0);
+                        waves(
+                            &block.k,
+                            circle.half_m,
+                            seen[i],
+                            used[i],
+                            #[inline(always)]
+                            |n, wave, factor| {
+                                let own = &mut arriving[place(n)];
+                                for (own, part) in own.iter_mut().zip(wave) {
+                                    for (own, w) in own.iter_mut().zip(part) {
+                                        *own = w * factor;
+                                    }
+                                }
+                            },
+                        );
                     }
                     (None, Incident::Plane { s_x, s_y }) => {
                         let sine = s_x / (1.0 - s_y * s_y).sqrt();
-                        used.push(circle.orders[REACHES.len() - 1]);
-                        block.plane(circle, sine, &mut own[..=circle.orders[REACHES.len() - 1]]);
+                        used[i] = circle.orders[REACHES.len() - 1];
+                        block.plane(circle, sine, used[i], |n, wave| arriving[place(n)] = wave);
                     }
-                    _ => return None,
+                    _ => {}
                 }
             }
-            // One opening is its own mirror image: even waves make even ones.
-            let step = if self.circles.len() == 1 { 2 } else { 1 };
-            for row in 0..self.count {
-                let passed = &block.passed[row * self.count..][..self.count];
-                let mut sum = [[0.0; LANES]; 2];
+            for row in self.circles.iter().flat_map(|c| c.start..=c.start + c.orders[reach]) {
+                let passed = &block.passed[row * width..][..width];
+                let first = row % step;
+                // Real and imaginary parts of both, each product with a sum of its own: none waits for another.
+                let mut sums = [[0.0; LANES]; 4];
                 for (circle, order) in self.circles.iter().zip(&used) {
-                    let range = circle.start + (row % 2) * (step - 1)..=circle.start + order;
-                    for column in range.step_by(step) {
-                        let ([tr, ti], [ar, ai]) = (&passed[column], &arriving[column]);
+                    let range = circle.start / step..(circle.start + order + step - first) / step;
+                    let arriving = &arriving[first * width..][range.clone()];
+                    for ([tr, ti], [ar, ai]) in passed[range].iter().zip(arriving) {
                         for lane in 0..LANES {
-                            sum[0][lane] += tr[lane] * ar[lane] - ti[lane] * ai[lane];
-                            sum[1][lane] += tr[lane] * ai[lane] + ti[lane] * ar[lane];
+                            sums[0][lane] += tr[lane] * ar[lane];
+                            sums[1][lane] += ti[lane] * ai[lane];
+                            sums[2][lane] += tr[lane] * ai[lane];
+                            sums[3][lane] += ti[lane] * ar[lane];
                         }
                     }
                 }
-                moments.push(sum);
+                let moment = &mut moments[row];
+                for lane in 0..LANES {
+                    moment[0][lane] = sums[0][lane] - sums[1][lane];
+                    moment[1][lane] = sums[2][lane] + sums[3][lane];
+                }
             }
         }
-        Some(Lit { moments })
+        moments
     }
 
     /// Band mean of |p/p_free|^2 of `crossing` in the plane across the edges, `lit` by its source; `seen`: its receiver.
@@ -256,19 +305,32 @@ impl Multipoles {
             }
             Incident::Plane { .. } => None,
         };
+        Arch::new().dispatch(MakeMean { of: self, lit, seen, straight_m })
+    }
+
+    /// `straight_m`: length of the straight way in m but for a plane wave.
+    #[inline(always)]
+    fn mean_over(&self, lit: &Lit, seen: &[(f64, f64)], straight_m: Option<f64>) -> f64 {
         let mut mean = 0.0;
         for (block, moments) in self.blocks.iter().zip(lit.moments.chunks(self.count)) {
             let mut sum = [[0.0; LANES]; 2];
             for (circle, seen) in self.circles.iter().zip(seen) {
                 let own = &moments[circle.start..];
-                waves(&block.k, circle.half_m, *seen, circle.order_at(seen.0), |n, [re, im], factor| {
-                    let [mr, mi] = &own[n];
-                    for lane in 0..LANES {
-                        let (re, im) = (factor * re[lane], factor * im[lane]);
-                        sum[0][lane] += re * mr[lane] - im * mi[lane];
-                        sum[1][lane] += re * mi[lane] + im * mr[lane];
-                    }
-                });
+                waves(
+                    &block.k,
+                    circle.half_m,
+                    *seen,
+                    circle.order_at(seen.0),
+                    #[inline(always)]
+                    |n, [re, im], factor| {
+                        let [mr, mi] = &own[n];
+                        for lane in 0..LANES {
+                            let (re, im) = (factor * re[lane], factor * im[lane]);
+                            sum[0][lane] += re * mr[lane] - im * mi[lane];
+                            sum[1][lane] += re * mi[lane] + im * mr[lane];
+                        }
+                    },
+                );
             }
             // |(i/2) (i/4) sum|^2 over that of the free field (i/4) H0; a plane wave is 1 and has no (i/4).
             let free = straight_m.map_or([1.0; LANES], |r| hankel0_square(&block.k.map(|k| k * r)));
@@ -278,6 +340,40 @@ impl Multipoles {
             }
         }
         mean
+    }
+}
+
+/// [`Multipoles::moments`] in the widest vectors of the machine. A closure would be compiled without them.
+struct MakeMoments<'a> {
+    of: &'a Multipoles,
+    seen: Option<&'a [(f64, f64)]>,
+    incident: &'a Incident,
+    reach: usize,
+}
+
+impl WithSimd for MakeMoments<'_> {
+    type Output = Vec<[Lanes; 2]>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        self.of.moments(self.seen, self.incident, self.reach)
+    }
+}
+
+/// [`Multipoles::mean_over`] likewise.
+struct MakeMean<'a> {
+    of: &'a Multipoles,
+    lit: &'a Lit,
+    seen: &'a [(f64, f64)],
+    straight_m: Option<f64>,
+}
+
+impl WithSimd for MakeMean<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        self.of.mean_over(self.lit, self.seen, self.straight_m)
     }
 }
 
@@ -292,7 +388,10 @@ impl Circle {
 impl Block {
     /// `nodes`: at most [`LANES`], (share of the band, solver).
     fn new(circles: &[Circle], count: usize, nodes: &[(f64, Solver)]) -> Self {
-        let mut block = Self { k: [0.0; LANES], weights: [0.0; LANES], passed: vec![[[0.0; LANES]; 2]; count * count] };
+        let mut block = Self { k: [0.0; LANES], weights: [0.0; LANES], passed: Vec::new() };
+        let step = if circles.len() == 1 { 2 } else { 1 };
+        let width = count.div_ceil(step);
+        block.passed.resize(count * width, [[0.0; LANES]; 2]);
         for lane in 0..LANES {
             let Some((weight, solver)) = nodes.get(lane) else {
                 block.k[lane] = block.k[lane - 1];
@@ -302,58 +401,45 @@ impl Block {
             (block.k[lane], block.weights[lane]) = (k, *weight);
             let places = solver.positions();
             // The waves J_n/s_n at the nodes of their own opening.
-            let shapes: Vec<Vec<(usize, Vec<f64>)>> = circles
-                .iter()
-                .map(|circle| {
-                    let own = places.iter().enumerate().filter(|(_, x)| (*x - circle.middle_m).abs() < circle.half_m);
-                    let kb = k * circle.half_m;
-                    let share = |x: f64| (x - circle.middle_m) / circle.half_m;
-                    own.map(|(i, x)| (i, regular(circle.orders[0], kb, share(*x)))).collect()
-                })
-                .collect();
-            let alone = circles.len() == 1;
-            for (from, own) in circles.iter().zip(&shapes) {
-                for m in 0..=from.orders[0] {
-                    let mut incident = vec![Complex64::ZERO; places.len()];
-                    for (i, shape) in own {
-                        incident[*i] = Complex64::from(shape[m]);
-                    }
-                    let strengths = solver.strengths(incident);
-                    for (to, shapes) in circles.iter().zip(&shapes) {
-                        let first = if alone { m % 2 } else { 0 };
-                        for n in (first..=to.orders[0]).step_by(if alone { 2 } else { 1 }) {
-                            let sum = |own: &[(usize, Vec<f64>)]| -> Complex64 {
-                                own.iter().map(|(i, shape)| shape[n] * strengths[*i]).sum()
-                            };
-                            // Both halves of a mirrored opening give the same.
-                            let (half, odd) = (shapes.len() / 2, shapes.len() % 2);
-                            let moment = if alone {
-                                2.0 * sum(&shapes[..half]) + sum(&shapes[half..half + odd])
-                            } else {
-                                sum(shapes)
-                            };
-                            let entry = &mut block.passed[(to.start + n) * count + from.start + m];
-                            (entry[0][lane], entry[1][lane]) = (moment.re, moment.im);
+            let mut shapes = DMatrix::zeros(places.len(), count);
+            for circle in circles {
+                for (i, x) in places.iter().enumerate() {
+                    let share = (x - circle.middle_m) / circle.half_m;
+                    if share.abs() < 1.0 {
+                        for (n, value) in regular(circle.orders[0], k * circle.half_m, share).into_iter().enumerate() {
+                            shapes[(i, circle.start + n)] = value;
                         }
                     }
+                }
+            }
+            let [re, im] = solver.moments(&shapes);
+            for row in 0..count {
+                for column in (row % step..count).step_by(step) {
+                    let entry = &mut block.passed[row * width + column / step];
+                    (entry[0][lane], entry[1][lane]) = (re[(row, column)], im[(row, column)]);
                 }
             }
         }
         block
     }
 
-    /// e_n i^n s_n cos(n psi) exp(i k sin(theta_i) x) of a plane wave, for the moments of order 0.. of the circle.
-    fn plane(&self, circle: &Circle, sine: f64, arriving: &mut [[Lanes; 2]]) {
+    /// Calls `each` with n and e_n i^n s_n cos(n psi) exp(i k sin(theta_i) x) of a plane wave for n = 0..=`order`.
+    #[inline(always)]
+    fn plane(&self, circle: &Circle, sine: f64, order: usize, mut each: impl FnMut(usize, [Lanes; 2])) {
+        // i^n s_n: real and imaginary part.
+        let mut turn = [[0.0; LANES]; 2];
         for lane in 0..LANES {
-            let k = self.k[lane];
-            let mut turn = Complex64::from_polar(1.0, k * sine * circle.middle_m);
-            let (mut before, mut factor) = (sine, 1.0);
-            for (n, wave) in arriving.iter_mut().enumerate() {
-                let value = turn * factor * if n == 0 { 1.0 } else { 2.0 };
-                (wave[0][lane], wave[1][lane]) = (value.re, value.im);
-                turn *= Complex64::I * (0.5 * k * circle.half_m * INVERSES[n]);
-                (before, factor) = (factor, 2.0 * sine * factor - before);
+            (turn[1][lane], turn[0][lane]) = sin_cos(self.k[lane] * sine * circle.middle_m);
+        }
+        let (mut before, mut factor) = (2.0 * sine, 2.0);
+        for n in 0..=order {
+            let share = if n == 0 { 1.0 } else { factor };
+            each(n, turn.map(|part| part.map(|t| t * share)));
+            for lane in 0..LANES {
+                let next = 0.5 * self.k[lane] * circle.half_m * INVERSES[n];
+                (turn[0][lane], turn[1][lane]) = (-next * turn[1][lane], next * turn[0][lane]);
             }
+            (before, factor) = (factor, 2.0 * sine * factor - before);
         }
     }
 }

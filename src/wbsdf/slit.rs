@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 use std::sync::{Arc, OnceLock};
 
 use gauss_quad::legendre::GaussLegendre;
+use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::aperture::Aperture;
@@ -195,8 +196,13 @@ impl BandApertures {
 
     /// What `incident` makes leave the openings, for many receivers; `None` if it is too near to one of them.
     pub fn light(&self, incident: &Incident) -> Option<Lit> {
+        self.light_for(incident, 0)
+    }
+
+    /// The same for receivers of this [`nearness`](super::multipole::nearness) and beyond.
+    pub(super) fn light_for(&self, incident: &Incident, reach: usize) -> Option<Lit> {
         let make = || Multipoles::new(&self.openings, self.thickness_m, &self.nodes);
-        self.multipoles.get_or_init(make).as_ref()?.light(incident)
+        self.multipoles.get_or_init(make).as_ref()?.light(incident, reach)
     }
 
     /// Band mean of the intensity relative to the source's free field at 1 m, solved for the source's field in the openings.
@@ -209,7 +215,7 @@ impl BandApertures {
     pub fn intensity_of(&self, lit: Option<&Lit>, mask: &Mask, crossing: &Crossing) -> RaySum {
         let far = || {
             let (lit, multipoles) = (lit?, self.multipoles.get()?.as_ref()?);
-            let seen = multipoles.see(crossing.x_m, crossing.z_m)?;
+            let seen = multipoles.see_by(lit, crossing.x_m, crossing.z_m)?;
             Some(self.sum(multipoles.mean(lit, &seen, crossing) * spread(mask, crossing)))
         };
         far().unwrap_or_else(|| self.intensity(mask, crossing))
@@ -273,6 +279,15 @@ impl Solver {
         match self {
             Self::Thin(aperture) => aperture.strengths(p_inc).as_slice().to_vec(),
             Self::Thick(aperture) => aperture.strengths(p_inc),
+        }
+    }
+
+    /// `shapes`^T times what leaves the openings for each of the columns of `shapes` as incident pressure at the places: real and
+    /// imaginary part.
+    pub(super) fn moments(&self, shapes: &DMatrix<f64>) -> [DMatrix<f64>; 2] {
+        match self {
+            Self::Thin(aperture) => aperture.moments(shapes),
+            Self::Thick(aperture) => aperture.moments(shapes),
         }
     }
 

@@ -3,9 +3,9 @@
 use std::collections::HashMap;
 use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
-use super::crossing::{Incident, Spectrum};
+use super::crossing::{Crossing, Incident, Spectrum};
 use super::mask::Mask;
-use super::multipole::Lit;
+use super::multipole::{Lit, nearness};
 use super::slit::BandApertures;
 
 /// The exact apertures of infinitely long openings in every band, and the fields that sources make leave them: each is made
@@ -14,11 +14,15 @@ pub struct SlitTables {
     mask: Mask,
     thickness_m: f64,
     bands: Vec<(Spectrum, OnceLock<BandApertures>)>,
-    sources: RwLock<HashMap<[u64; 3], Arc<LitBands>>>,
+    sources: RwLock<HashMap<[u64; 4], Arc<LitBands>>>,
 }
 
 /// What one source makes leave the openings, band by band; `None` where it is too near to them.
-pub struct LitBands(Vec<OnceLock<Option<Lit>>>);
+pub struct LitBands {
+    bands: Vec<OnceLock<Option<Lit>>>,
+    /// How near the receivers are that it is for.
+    reach: usize,
+}
 
 /// One band's apertures, and one source's field behind them.
 #[derive(Clone, Copy)]
@@ -46,18 +50,22 @@ impl SlitTables {
         self.thickness_m
     }
 
-    /// The field of a source whose rays run across the edges, to be computed band by band with [`band`](Self::band).
-    pub fn source(&self, incident: &Incident) -> Arc<LitBands> {
+    /// The field of the source of `crossing`, whose rays run across the edges, for its receiver and all that are not much
+    /// nearer: to be computed band by band with [`band`](Self::band).
+    pub fn source(&self, crossing: &Crossing) -> Arc<LitBands> {
+        let reach = nearness(self.mask.openings(), self.thickness_m, (crossing.x_m, crossing.z_m));
         // A plane wave's s_y and a point source's place along the edges do not count: rays across the edges have none.
-        let key = match *incident {
-            Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => [0, x_m.to_bits(), z_m.to_bits()],
-            Incident::Plane { s_x, .. } => [1, s_x.to_bits(), 0],
+        let key = match crossing.incident {
+            Incident::Line { x_m, z_m } | Incident::Point { x_m, z_m, .. } => {
+                [0, reach as u64, x_m.to_bits(), z_m.to_bits()]
+            }
+            Incident::Plane { s_x, .. } => [1, reach as u64, s_x.to_bits(), 0],
         };
         let known = self.sources.read().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
         known.unwrap_or_else(|| {
             let mut sources = self.sources.write().unwrap_or_else(PoisonError::into_inner);
-            let bands = || self.bands.iter().map(|_| OnceLock::new()).collect();
-            Arc::clone(sources.entry(key).or_insert_with(|| Arc::new(LitBands(bands()))))
+            let new = || LitBands { bands: self.bands.iter().map(|_| OnceLock::new()).collect(), reach };
+            Arc::clone(sources.entry(key).or_insert_with(|| Arc::new(new())))
         })
     }
 
@@ -70,6 +78,9 @@ impl SlitTables {
     pub fn band<'a>(&'a self, band: usize, source: &'a LitBands, incident: &Incident) -> Solved<'a> {
         let (spectrum, apertures) = &self.bands[band];
         let apertures = apertures.get_or_init(|| BandApertures::new(&self.mask, self.thickness_m, spectrum, 1.0));
-        Solved { apertures, lit: source.0[band].get_or_init(|| apertures.light(incident)).as_ref() }
+        Solved {
+            apertures,
+            lit: source.bands[band].get_or_init(|| apertures.light_for(incident, source.reach)).as_ref(),
+        }
     }
 }

@@ -203,6 +203,16 @@ impl ThickAperture {
         leaving.iter().zip(steps).map(|(v, step)| v * step).collect()
     }
 
+    /// `shapes`^T times what leaves the far mouth for each of the columns of `shapes` as incident pressure at the nodes.
+    pub(super) fn moments(&self, shapes: &DMatrix<f64>) -> [DMatrix<f64>; 2] {
+        let mut weighted = shapes.clone();
+        for mouth in &self.mouths {
+            weighted.rows_mut(mouth.start, mouth.nodes.len()).scale_mut(PI / mouth.half as f64);
+        }
+        let [odd, even] = [&self.odd, &self.even].map(|factors| factors.moments(&weighted, shapes));
+        [&odd[0] - &even[0], &odd[1] - &even[1]]
+    }
+
     /// Pressure at (x, z), z > 0 behind the far mouth, in m.
     fn pressure(&self, strengths: &[Complex64], x_m: f64, z_m: f64) -> Complex64 {
         let sum_over = |places: &[f64], strengths: &[Complex64]| -> Complex64 {
@@ -250,9 +260,18 @@ impl Mouth {
         let own = [0, 1].map(|which| [shares(0, which), shares(1, which)]);
         // ln(4 sin^2((s - s')/2)) by |i - j|, and its quadrature weights (Kress 1989, eq. 12.19 for 2 half nodes).
         let cosines: Vec<f64> = (0..2 * self.half).map(|d| (d as f64 * step).cos()).collect();
+        let inverses: Vec<f64> = (1..self.half).map(|m| 1.0 / m as f64).collect();
         let logarithm: Vec<(f64, f64)> = (0..n)
             .map(|d| {
-                let series: f64 = (1..self.half).map(|m| cosines[m * d % cosines.len()] / m as f64).sum();
+                let mut at = 0;
+                let series: f64 = inverses
+                    .iter()
+                    .map(|inverse| {
+                        at += d;
+                        at -= if at >= cosines.len() { cosines.len() } else { 0 };
+                        cosines[at] * inverse
+                    })
+                    .sum();
                 let last = if d % 2 == 0 { 1.0 } else { -1.0 };
                 let periodic = if d == 0 { 0.0 } else { (4.0 * (0.5 * d as f64 * step).sin().powi(2)).ln() };
                 (periodic, -2.0 * step * series - last * step / self.half as f64)
