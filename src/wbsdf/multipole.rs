@@ -427,17 +427,17 @@ impl Block {
     #[inline(always)]
     fn plane(&self, circle: &Circle, sine: f64, order: usize, mut each: impl FnMut(usize, [Lanes; 2])) {
         // i^n s_n: real and imaginary part.
-        let mut turn = [[0.0; LANES]; 2];
-        for lane in 0..LANES {
-            (turn[1][lane], turn[0][lane]) = sin_cos(self.k[lane] * sine * circle.middle_m);
+        let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+        for (k, (re, im)) in self.k.iter().zip(re.iter_mut().zip(&mut im)) {
+            (*im, *re) = sin_cos(k * sine * circle.middle_m);
         }
         let (mut before, mut factor) = (2.0 * sine, 2.0);
-        for n in 0..=order {
+        for (n, inverse) in INVERSES.iter().enumerate().take(order + 1) {
             let share = if n == 0 { 1.0 } else { factor };
-            each(n, turn.map(|part| part.map(|t| t * share)));
-            for lane in 0..LANES {
-                let next = 0.5 * self.k[lane] * circle.half_m * INVERSES[n];
-                (turn[0][lane], turn[1][lane]) = (-next * turn[1][lane], next * turn[0][lane]);
+            each(n, [re, im].map(|part| part.map(|t| t * share)));
+            for (k, (re, im)) in self.k.iter().zip(re.iter_mut().zip(&mut im)) {
+                let next = 0.5 * k * circle.half_m * inverse;
+                (*re, *im) = (-next * *im, next * *re);
             }
             (before, factor) = (factor, 2.0 * sine * factor - before);
         }
