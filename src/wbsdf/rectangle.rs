@@ -402,8 +402,8 @@ fn wave_numbers(width_m: f64, height_m: f64, depth_m: f64, spectrum: &Spectrum) 
 /// Share of the power that meets an opening, `thickness_m` deep, which it passes of a diffuse field, band mean. `None` for a slit
 /// longer than what is solved at the cost of a table.
 ///
-/// Exact up to [`TABLE_UNKNOWNS`]. A wider opening takes in what meets it and a strip along its edges: as wide a strip as that of
-/// one shortened to what is solved (k times side 10 passes 1.153; the strip grows by a tenth to k times side 20: 0.02 dB).
+/// Exact up to 120 unknowns. A wider opening takes in what meets it and a strip along its edges: as wide a strip as that of one
+/// shortened to what is solved (k times side 10 passes 1.153; the strip grows by a tenth to k times side 20: 0.02 dB).
 pub fn diffuse_transmission(width_m: f64, height_m: f64, thickness_m: f64, spectrum: &Spectrum) -> Option<f64> {
     let (low, high) = (spectrum.low_k(), spectrum.high_k());
     let sides = [width_m, height_m];
