@@ -152,22 +152,22 @@ fn assert_covers(name: &str, c: &Coverage) {
 
 #[test]
 fn the_truth_lies_within_the_stated_error_in_two_runs_of_three() {
-    let (mut inside, mut bins) = (0, 0);
     for (name, prepared) in rooms() {
         println!("{name}");
         // Where a level is the sum of few large contributions, 2048 rays (errors of 2 to 3 dB) cover it in 59 to 67 % only.
         let rays = if name == "gap" { 8192 } else { 2048 };
         let plan = TracePlan { target_db: 0.0, max_rays: rays, ..plan_of(&prepared) };
-        for c in coverage(&prepared, &plan, 16 * rays) {
+        // With 16 times the rays of a run, bins that one strong ray had lifted passed for known, and the truth for missed.
+        for c in coverage(&prepared, &plan, 1 << 18) {
             assert_covers(name, &c);
             assert!(c.error_db > 0.05, "{name}: nothing to cover");
-            inside += c.bins.0;
-            bins += c.bins.1;
+            let share = c.bins.0 as f64 / c.bins.1 as f64;
+            assert!(
+                c.bins.1 > 1000 && (0.60..=0.76).contains(&share),
+                "{name}: bins: {share:.3} within one standard error"
+            );
         }
     }
-    let share = inside as f64 / bins as f64;
-    println!("bins: {share:.3} of {bins}");
-    assert!(bins > 10_000 && (0.60..=0.76).contains(&share), "bins: {share:.3} within one standard error");
 }
 
 #[test]

@@ -229,13 +229,12 @@ fn openings_pass_what_the_exact_rectangle_passes_of_a_diffuse_field() {
         let expected = sum / (POINTS * POINTS) as f64 * 200f64.powi(4) * (TAU * TAU) / (PI * width * 2.0);
         let got = diffuse_transmission(&PortalScatter::new(x, y, 0.0, &[band], Transport::Wbsdf), 1)[0];
         println!("{width} m, {f} Hz: exact {expected:.3}, traced {got:.3}, {:+.2} dB", db(got / expected));
-        // The product of two sides: a slit of 2 m at 125 Hz is taken for an endless one (0.9 dB).
-        assert!(db(got / expected).abs() < 1.0, "{width} m, {f} Hz: {got} {expected}");
+        // 40 directions a side.
+        assert!(db(got / expected).abs() < 0.2, "{width} m, {f} Hz: {got} {expected}");
     }
 }
 
 #[test]
-#[ignore = "not met: openings lose 6 to 17 % of a diffuse field (docs/verification.md)"]
 fn drawn_rays_carry_the_power_that_an_opening_passes() {
     // Of a diffuse field: the weights of crossings against the stated transmission, on average and for grazing incidence.
     let bands: Vec<Spectrum> = (0..6)
@@ -272,38 +271,36 @@ fn drawn_rays_carry_the_power_that_an_opening_passes() {
                 100.0 * off,
                 100.0 * error
             );
-            // Where both sides are wide (k times width above 5) the balance is known to 1 %. A narrow side has the exact lobe of an
-            // endless slit, whose product with the other side's is not balanced.
-            let wide = TAU * bands[band].low_hz * 1.2071 / SPEED * width > 5.0;
-            let bound = if wide { 0.02 + 4.0 * error } else { 0.35 };
+            // The balance is summed over 8192 pairs of directions: known to some 0.5 %.
+            let bound = 0.01 + 4.0 * error;
             assert!(off.abs() < bound, "{width} m band {band}: {off}");
         }
     }
 }
 
 #[test]
-#[ignore = "some 20 s; narrow gaps are known to 0.4 dB only"]
 fn a_closing_door_takes_the_next_room_down_by_the_transmission_of_its_opening() {
     // Re the open door at 4 kHz, which passes what meets it: statistics read 0.6 to 0.9 dB too much at the end wall of a room.
     let (mut open, mut rows) = (None, Vec::new());
     for width in [0.9, 0.3, 0.06, 0.01, 0.001] {
-        let mut scene = pair(3, [0.2, 0.2], ([1.5, 1.5 + width], [0.3, 2.3]), 0.0);
-        for (band, f) in scene.bands.iter_mut().zip([125.0, 500.0, 4000.0]) {
+        let mut scene = pair(8, [0.06, 0.06], ([1.5, 1.5 + width], [0.3, 2.3]), 0.0);
+        for (i, band) in scene.bands.iter_mut().enumerate() {
+            let f = 62.5 * f64::from(1 << i);
             *band = Band { nominal_hz: f, low_hz: f / 2f64.sqrt(), high_hz: f * 2f64.sqrt() };
         }
         fill(&mut scene, [5.0, 0.0, 0.0], [5.0, 4.0, 3.0], 12);
         let geometry = Geometry::new(&scene).expect("a sound scene");
         let scatter = scattering(&scene, &geometry);
-        let passes = diffuse_transmission(&scatter[0], 3);
-        let plan = TracePlan { portal_order: 0, ..plan(&scene, 0.8, 8192) };
+        let passes = diffuse_transmission(&scatter[0], 8);
+        let plan = TracePlan { portal_order: 0, ..plan(&scene, 2.5, 4096) };
         let outcome = trace(&scene, &geometry, &scatter, &plan, &|_| ()).expect("a sound plan");
         let area = width * 2.0;
         for (band, &passed) in passes.iter().enumerate() {
             let mean = outcome.traced.iter().map(|t| level(&t.echogram, band)).sum::<f64>() / 12.0;
             let error = outcome.traced.iter().map(|t| t.echogram.std_error[band]).sum::<f64>() / 12.0;
-            let [_, expected] = steady(exchange([0.2, 0.2], area, area * passed));
+            let [_, expected] = steady(exchange([0.06, 0.06], area, area * passed));
             let (level, error_db) = (db(mean / expected), 4.343 * error / mean);
-            if width == 0.9 && band == 2 {
+            if width == 0.9 && band == 6 {
                 open = Some((level, error_db));
             }
             rows.push((width, band, passed, level, error_db));

@@ -1,12 +1,14 @@
 //! Room-acoustic parameters and the speech transmission index of a rendered response, as one would measure them.
 //!
-//! Band filters are Butterworth band-passes of order 6 (steeper than IEC 61260-1 class 1 asks, so that a band does not hear its neighbours' later decay) without phase, so that nothing is delayed.
+//! Band filters have no phase, so that nothing is delayed, and narrow flanks beyond which they pass nothing: where the level falls
+//! steeply from band to band, the skirts of a Butterworth filter of order 6 let a band hear its neighbour's later decay (T30 up to
+//! 7 % too long). They keep the limits of IEC 61260-1:2014 class 1: half the power at the edges, and at three quarters of the way
+//! to them less than 0.2 dB lost.
 
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
 
 use super::energy::EnergyCurve;
-use super::gain::butterworth;
 use super::late::smooth_length;
 use super::metrics::{Metrics, of_curve};
 use super::{Response, earliest_shift_s};
@@ -15,6 +17,10 @@ use crate::scene::{Band, Spacing, bands_between};
 
 /// Silence in s about the response in which filters ring.
 const RINGING_S: f64 = 0.5;
+/// Half width of a filter's flank in Hz, where that lies within [`FLANK_SHARES`]: rings for some 20 ms.
+const FLANK_HZ: f64 = 25.0;
+/// Narrowest and widest half width of a flank, as shares of the band's width in octaves.
+const FLANK_SHARES: [f64; 2] = [1.0 / 48.0, 1.0 / 6.0];
 /// Modulation frequencies of the speech transmission index in Hz (IEC 60268-16:2011, 4.2).
 const MODULATION_HZ: [f64; 14] = [0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0, 10.0, 12.5];
 /// Weights of the octaves 125 Hz to 8 kHz for male speech, and of neighbours' redundancy (IEC 60268-16:2011, table A.1).
@@ -113,7 +119,7 @@ impl Measured {
 
     /// |F|^2 of a band's filter at bin `k`.
     fn filter(&self, band: &Band, k: usize) -> f64 {
-        butterworth(band, k as f64 * self.rate_hz / self.grid as f64, self.rate_hz, 6)
+        pass(band, k as f64 * self.rate_hz / self.grid as f64)
     }
 
     /// Energy of each sample in a band; what rings beyond the end counts with the last, and before 0 with the first one.
@@ -142,5 +148,53 @@ impl Measured {
     fn unit(&self, band: &Band) -> f64 {
         let power: f64 = (0..self.spectrum.len()).map(|k| self.filter(band, k)).sum();
         self.grid as f64 / (2.0 * power)
+    }
+}
+
+/// |F|^2 at `hz` of the analysis filter of `band`: 1 inside, 0 outside, half a sine period across each flank.
+fn pass(band: &Band, hz: f64) -> f64 {
+    let width = (band.high_hz / band.low_hz).ln();
+    let rise = |inside: f64, edge_hz: f64| {
+        let half = (FLANK_HZ / edge_hz).clamp(FLANK_SHARES[0] * width, FLANK_SHARES[1] * width);
+        0.5 + 0.5 * (std::f64::consts::FRAC_PI_2 * (inside / half).clamp(-1.0, 1.0)).sin()
+    };
+    if hz <= 0.0 {
+        return 0.0;
+    }
+    rise((hz / band.low_hz).ln(), band.low_hz) * rise((band.high_hz / hz).ln(), band.high_hz)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_filters_keep_the_limits_of_class_1() {
+        // IEC 61260-1:2014, table 1, class 1: distance from the centre in widths of the band, least and greatest
+        // loss in dB.
+        let limits = [
+            (0.0, -0.4, 0.4),
+            (0.125, -0.4, 0.5),
+            (0.25, -0.4, 0.7),
+            (0.375, -0.4, 1.4),
+            (0.4999, -0.4, 5.3),
+            (0.5001, 2.0, f64::INFINITY),
+            (1.0, 16.6, f64::INFINITY),
+            (2.0, 40.5, f64::INFINITY),
+            (3.0, 60.0, f64::INFINITY),
+            (4.0, 70.0, f64::INFINITY),
+        ];
+        for spacing in [Spacing::Octave, Spacing::ThirdOctave] {
+            for band in bands_between(spacing, 31.5, 16_000.0) {
+                let centre_hz = (band.low_hz * band.high_hz).sqrt();
+                for (octaves, least, greatest) in limits {
+                    for side in [-1.0, 1.0] {
+                        let hz = centre_hz * (side * octaves * (band.high_hz / band.low_hz).log2()).exp2();
+                        let loss_db = -10.0 * pass(&band, hz).log10();
+                        assert!((least..=greatest).contains(&loss_db), "{band:?} {hz}: {loss_db}");
+                    }
+                }
+            }
+        }
     }
 }

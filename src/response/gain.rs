@@ -17,6 +17,11 @@ use crate::scene::Band;
 const GOAL_DB: f64 = 0.01;
 /// The same for a band as filters measure it.
 const FILTER_GOAL_DB: f64 = 0.12;
+/// Error of a filtered mean that the fit leaves alone. White mean and filtered mean of a spectrum with structure differ, and forcing
+/// them together bends the spectrum at the band's edges, and with it the decay.
+const TOLERATED_DB: f64 = 0.06;
+/// Natural logarithm of an energy ratio of 1 dB.
+const NEPERS_PER_DB: f64 = std::f64::consts::LN_10 / 10.0;
 /// Orders of the Butterworth band-passes: class 1 is met from 3 on (4 near half the sample rate).
 const FILTER_ORDERS: [i32; 2] = [3, 4];
 /// Pieces per octave into which the spectrum is summed for the fit.
@@ -24,7 +29,7 @@ const PIECES: f64 = 64.0;
 /// Distance of the gain's support points in octaves.
 const SUPPORT_OCTAVES: f64 = 0.25;
 /// Weights of white means, of filtered means and of the gain's curvature in the least squares.
-const WEIGHTS: [f64; 3] = [30.0, 1.0, 0.03];
+const WEIGHTS: [f64; 3] = [30.0, 2.0, 0.03];
 /// Ratio of frequencies outside the bands over which the gain returns to 1: nobody knows the energy there, so that the plain
 /// sum of pressures stays.
 const OUTSIDE: f64 = std::f64::consts::SQRT_2;
@@ -140,7 +145,7 @@ impl<'a> Meter<'a> {
 }
 
 /// |F|^2 of a digital Butterworth band-pass of the given order with -3 dB at the band's edges (bilinear transform).
-pub(super) fn butterworth(band: &Band, hz: f64, rate: f64, order: i32) -> f64 {
+fn butterworth(band: &Band, hz: f64, rate: f64, order: i32) -> f64 {
     let warp = |hz: f64| (std::f64::consts::PI * hz / rate).tan();
     let (low, high, w) = (warp(band.low_hz), warp(band.high_hz), warp(hz));
     let detuning = (w * w - low * high) / (w * (high - low));
@@ -236,9 +241,11 @@ pub(super) fn match_bands(
         worst = Worst::of(&reached, target);
         for (w, m) in wanted.iter_mut().zip(&reached) {
             // Filtered means are pressed no harder than needed: each press bends the gain further.
-            let pressed = m.value() > 0.0 && (!m.filtered || m.error_db(target).abs() > FILTER_GOAL_DB);
+            let error_db = m.error_db(target);
+            let pressed = m.value() > 0.0 && (!m.filtered || error_db.abs() > FILTER_GOAL_DB);
+            let tolerated_db = if m.filtered { TOLERATED_DB } else { 0.0 };
             if let Some(w) = w.as_mut().filter(|_| pressed) {
-                *w += (target[m.band] / m.value()).ln();
+                *w -= (error_db - error_db.clamp(-tolerated_db, tolerated_db)) * NEPERS_PER_DB;
             }
         }
         let done = worst.is_met();
@@ -362,6 +369,7 @@ struct Normal {
 fn normal_equations(means: &[Mean], wanted: &[Option<f64>], places: &[Between], ln_gain: &[f64]) -> Normal {
     let n = ln_gain.len();
     let power: Vec<f64> = places.iter().map(|p| (2.0 * p.of(ln_gain)).exp()).collect();
+    let tolerated = TOLERATED_DB * NEPERS_PER_DB;
     let (mut matrix, mut right, mut cost) = (DMatrix::<f64>::zeros(n, n), DVector::<f64>::zeros(n), 0.0);
     for (mean, wanted) in means.iter().zip(wanted) {
         let Some(wanted) = wanted else { continue };
@@ -379,7 +387,13 @@ fn normal_equations(means: &[Mean], wanted: &[Option<f64>], places: &[Between], 
         }
         slope /= value;
         let weight = WEIGHTS[usize::from(mean.filtered)].powi(2);
-        let missing = wanted - value.ln();
+        let mut missing = wanted - value.ln();
+        if mean.filtered {
+            missing -= missing.clamp(-tolerated, tolerated);
+            if missing == 0.0 {
+                continue;
+            }
+        }
         matrix.ger(weight, &slope, &slope, 1.0);
         right.axpy(weight * missing, &slope, 1.0);
         cost += weight * missing * missing;

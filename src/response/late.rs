@@ -1,9 +1,9 @@
 //! The late part: noise with the echogram's energy in every band and bin.
 //!
-//! One sequence of random signs (white, and of exactly equal energy a sample) is divided into bands that add up to the
-//! sequence itself, each band is given the envelope of its echogram, and the bands are added. Filtering comes before
-//! the envelope, so nothing rings before the first arrival. Each band also carries the smooth spectrum through the late
-//! band energies, so the sum has no steps at the band edges.
+//! A sequence of random signs (white, and of exactly equal energy a sample) is divided into bands whose powers add up to its
+//! own; each band is rotated to where it interferes least with the early sound (levels add energies), is given the envelope
+//! of its echogram, and the bands are added. Filtering comes before the envelope, so nothing rings before the first arrival.
+//! Each band also carries the smooth spectrum through the late band energies, so the sum has no steps at the band edges.
 
 use rand_core::{Rng, SeedableRng};
 use realfft::RealFftPlanner;
@@ -19,7 +19,9 @@ use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 /// Half width of the cross-fade between two bands, as a share of the narrower one's width in octaves.
 ///
 /// Narrow, so that a band keeps its own decay up to its edges; filters come before envelopes and ring unheard.
-const CROSSFADE_SHARE: f64 = 1.0 / 24.0;
+const CROSSFADE_SHARE: f64 = 1.0 / 48.0;
+/// Places at which a band's noise is tried against the early sound.
+const ROTATIONS: usize = 32;
 
 /// Window over which a band's noise is given constant power, in periods of its width.
 const LEVELLED: f64 = 4.0;
@@ -35,12 +37,14 @@ pub(super) struct TimeAxis {
     pub(super) shift_s: f64,
 }
 
-/// Noise with the energy curves' bins (`curves`: one a band of `bands`).
+/// Noise with the energy curves' bins (`curves`: one a band of `bands`) that has next to nothing in common with the `early` samples, so
+/// that the energies of both add up in every band.
 pub(super) fn noise(
     reception: &Reception,
     curves: &[EnergyCurve],
     bands: &[Band],
     axis: TimeAxis,
+    early: &[f64],
     (seed, channel): (u64, usize),
     planner: &mut RealFftPlanner<f64>,
 ) -> Vec<f64> {
@@ -87,6 +91,9 @@ pub(super) fn noise(
         debug_assert!(done.is_ok());
         level(&mut samples, LEVELLED / (bands[b].high_hz - bands[b].low_hz) * sample_rate_hz);
         let envelope = envelope(&curves[b], axis);
+        let heard: Vec<f64> = envelope.iter().zip(early).map(|(e, h)| e * h).collect();
+        let rotation = unheard_rotation(&heard, &samples);
+        samples.rotate_left(rotation);
         let mut realised = 0.0;
         for (s, e) in samples.iter_mut().zip(&envelope) {
             *s *= e;
@@ -122,6 +129,22 @@ fn level(samples: &mut [f64], window: f64) {
     for (s, p) in samples.iter_mut().zip(&power) {
         *s *= (mean / p.max(1e-3 * mean)).sqrt();
     }
+}
+
+/// By how many samples to rotate periodic `noise` so that its product with `heard` (early sound times the noise's envelope) is least:
+/// one of [`ROTATIONS`] evenly spread places.
+fn unheard_rotation(heard: &[f64], noise: &[f64]) -> usize {
+    let Some(first) = heard.iter().position(|h| *h != 0.0) else { return 0 };
+    let last = heard.iter().rposition(|h| *h != 0.0).unwrap_or(first);
+    let product = |rotation: usize| -> f64 {
+        let (before, after) = noise.split_at((rotation + first) % noise.len());
+        let (until_end, wrapped) = heard[first..=last].split_at(after.len().min(last + 1 - first));
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        (dot(until_end, after) + dot(wrapped, before)).abs()
+    };
+    let rotations = (0..ROTATIONS).map(|i| i * noise.len() / ROTATIONS);
+    let tried = rotations.map(|rotation| (rotation, product(rotation)));
+    tried.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(rotation, _)| rotation)
 }
 
 /// Random signs from the seed and the names of source and probe.
@@ -175,7 +198,7 @@ fn envelope(curve: &EnergyCurve, axis: TimeAxis) -> Vec<f64> {
     envelope
 }
 
-/// Amplitude share of band `b` at `hz`; the shares of all bands sum to 1.
+/// Amplitude share of band `b` at `hz`; the squares of the shares of all bands sum to 1, as rotated bands add their powers.
 fn share(bands: &[Band], b: usize, hz: f64) -> f64 {
     let rise = |below: &Band, above: &Band| {
         let (edge, half) = edge(below, above);
@@ -184,7 +207,7 @@ fn share(bands: &[Band], b: usize, hz: f64) -> f64 {
     };
     let low = if b > 0 { rise(&bands[b - 1], &bands[b]) } else { 1.0 };
     let high = if b + 1 < bands.len() { 1.0 - rise(&bands[b], &bands[b + 1]) } else { 1.0 };
-    low * high
+    (low * high).sqrt()
 }
 
 /// Edge between two bands in Hz and the half width of their cross-fade in ln f.
@@ -235,7 +258,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_bands_add_up_to_the_whole() {
+    fn the_powers_of_the_bands_add_up_to_the_whole() {
         let bands: Vec<Band> = (0..8)
             .map(|i| {
                 let c = 1000.0 * 2f64.powi(i - 4);
@@ -244,7 +267,7 @@ mod tests {
             .collect();
         for i in 1..2400 {
             let hz = f64::from(i) * 10.0;
-            let sum: f64 = (0..8).map(|b| share(&bands, b, hz)).sum();
+            let sum: f64 = (0..8).map(|b| share(&bands, b, hz).powi(2)).sum();
             assert!((sum - 1.0).abs() < 1e-12, "{hz}: {sum}");
         }
     }

@@ -245,7 +245,7 @@ pub fn render(
             // Rays do not tell their direction: late sound comes evenly from everywhere, so that the harmonics are
             // independent and have the mean power 1/(2 l + 1).
             let share = 1.0 / ((2 * directional::degree(c) + 1) as f64).sqrt();
-            let noise = late::noise(reception, &curves, bands, axis, (options.seed, c), &mut planner);
+            let noise = late::noise(reception, &curves, bands, axis, samples, (options.seed, c), &mut planner);
             samples.iter_mut().zip(noise).for_each(|(sum, n)| *sum += share * n);
         }
         // Band levels are those of the pressure; the other channels go through the same gain.

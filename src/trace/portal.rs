@@ -80,6 +80,8 @@ pub(super) struct Passage {
     open: [[f64; 2]; 2],
     /// Capture regions for rays that travel along +normal and along -normal.
     capture: [Option<Capture>; 2],
+    /// Factors on the passing share for the same, one a band ([`Intake::made_good`]).
+    made_good: [Vec<f32>; 2],
 }
 
 /// A rectangle on the face of a wall whose hits stand for an opening.
@@ -91,6 +93,55 @@ struct Capture {
     ratio: f64,
 }
 
+/// What an opening passes of a diffuse field, direction by direction: [direction][band], transmitted over incident power.
+pub(super) struct Intake(Vec<Vec<f32>>);
+
+impl Intake {
+    pub(super) fn new(scatter: &impl Scattering, bands: usize) -> Self {
+        const INCLINATIONS: usize = 32;
+        const TURNS: usize = 8;
+        let mut rows = Vec::with_capacity(INCLINATIONS * TURNS);
+        for i in 0..INCLINATIONS {
+            // Lambert's law: equal steps of the squared sine.
+            let sin2 = (i as f64 + 0.5) / INCLINATIONS as f64;
+            for turn in 0..TURNS {
+                let (sin, cos) = (std::f64::consts::TAU * (turn as f64 + 0.25) / TURNS as f64).sin_cos();
+                let mut row = vec![0.0; bands];
+                scatter.transmitted(DVec3::new(sin2.sqrt() * cos, sin2.sqrt() * sin, (1.0 - sin2).sqrt()), &mut row);
+                rows.push(row);
+            }
+        }
+        Self(rows)
+    }
+
+    /// Largest mean over the bands.
+    fn gain(&self) -> f64 {
+        let bands = self.0.first().map_or(0, Vec::len);
+        (0..bands).map(|b| self.mean(b, |t| t)).fold(0.0, f64::max)
+    }
+
+    /// Mean of `of` the transmission over the directions.
+    fn mean(&self, band: usize, of: impl Fn(f64) -> f64) -> f64 {
+        self.0.iter().map(|row| of(f64::from(row[band]))).sum::<f64>() / self.0.len() as f64
+    }
+
+    /// Factors on the share `ratio` times the transmission, one a band: a ray passes no more than all it has, and what grazing ones
+    /// lack by that is asked of the others, so that of a diffuse field as much passes as should.
+    fn made_good(&self, ratio: f64) -> Vec<f32> {
+        const STEPS: usize = 8;
+        const MOST: f64 = 4.0;
+        let factor = |band: usize| {
+            let should = self.mean(band, |t| ratio * t);
+            let step = |factor: f64| {
+                let passes = self.mean(band, |t| (factor * ratio * t).min(1.0));
+                if passes > 0.0 { (factor * should / passes).min(MOST) } else { 1.0 }
+            };
+            (0..STEPS).fold(1.0, |factor, _| step(factor)) as f32
+        };
+        (0..self.0.first().map_or(0, Vec::len)).map(factor).collect()
+    }
+}
+
 /// A ray's place in an opening and the factor on its weight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Captured {
@@ -100,8 +151,8 @@ pub(super) struct Captured {
 }
 
 impl Passage {
-    /// Sets up one portal; `gain`: largest transmitted over incident power in a diffuse field, over the bands.
-    pub(super) fn new(portal: &Portal, gain: f64, scene: &Scene, geometry: &Geometry) -> Self {
+    /// Sets up one portal.
+    pub(super) fn new(portal: &Portal, intake: &Intake, scene: &Scene, geometry: &Geometry) -> Self {
         let open = [portal.x_m, portal.y_m];
         let mut passage = Self {
             frame: portal.frame,
@@ -110,11 +161,13 @@ impl Passage {
             group: portal.group,
             open,
             capture: [None; 2],
+            made_good: [Vec::new(), Vec::new()],
         };
         let host = scene.openings.get(portal.opening).map(|o| host_extent(scene, o.host, &portal.frame));
         let host = host.unwrap_or([[f64::NEG_INFINITY, f64::INFINITY]; 2]);
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
-            passage.capture[side] = passage.capture_region(sign, gain, host, geometry);
+            passage.capture[side] = passage.capture_region(sign, intake.gain(), host, geometry);
+            passage.made_good[side] = intake.made_good(passage.capture[side].map_or(1.0, |capture| capture.ratio));
         }
         passage
     }
@@ -129,6 +182,11 @@ impl Passage {
     /// Whether rays that travel along `sign` * normal reach this portal only through its capture region.
     pub(super) fn is_captured(&self, sign: f64) -> bool {
         self.capture[side(sign)].is_some()
+    }
+
+    /// Factors on what rays along `sign` * normal pass, one a band.
+    pub(super) fn made_good(&self, sign: f64) -> &[f32] {
+        &self.made_good[side(sign)]
     }
 
     /// Where a ray that hits the wall at `point`, travelling along `sign` * normal, passes the opening, if it is captured.

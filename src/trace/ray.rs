@@ -270,14 +270,22 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
     /// The share of a ray's power that a portal passes from an area `1/ratio` times its own, at most all of it, and the
     /// factor that gives a crossing (whose mean gain is the opening's transmission) this share over `ratio`.
     fn passing(&self, ray: &Ray<N>, portal: usize, ratio: f64) -> (Lanes<N>, Lanes<N>) {
-        let frame = &self.stage.passages[portal].frame;
-        let local = frame.turn(ray.direction);
+        let passage = &self.stage.passages[portal];
+        let local = passage.frame.turn(ray.direction);
         let mut transmitted = [1.0; N];
         let s_i = DVec3::new(local.x, local.y, local.z.abs());
         self.stage.scatter[portal].transmitted(s_i, &mut transmitted[..self.stage.bands]);
         let ratio = ratio as f32;
-        let passes = transmitted.map(|t| (ratio * t).min(1.0));
-        let scale = transmitted.map(|t| if ratio * t > 1.0 { 1.0 / (ratio * t) } else { 1.0 });
+        let mut scale = [1.0; N];
+        scale.iter_mut().zip(passage.made_good(local.z)).for_each(|(scale, factor)| *scale = *factor);
+        let mut passes = [0.0; N];
+        for b in 0..N {
+            let share = ratio * transmitted[b];
+            passes[b] = (scale[b] * share).min(1.0);
+            if scale[b] * share > 1.0 {
+                scale[b] = 1.0 / share;
+            }
+        }
         (passes, scale)
     }
 

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use super::lanes::{Air, Lanes, lanes};
-use super::portal::{Passage, box_corners};
+use super::portal::{Intake, Passage, box_corners};
 use super::receiver::Receiver;
 use super::{Scattering, TracePlan};
 use crate::geometry::{Geometry, Surface};
@@ -100,7 +100,7 @@ impl<'a, S: Scattering, const N: usize> Stage<'a, S, N> {
             .portals
             .iter()
             .zip(scatter)
-            .map(|(p, s)| Passage::new(p, diffuse_gain(s, scene.bands.len()), scene, geometry))
+            .map(|(p, s)| Passage::new(p, &Intake::new(s, scene.bands.len()), scene, geometry))
             .collect();
         let receivers = scene
             .probes
@@ -134,25 +134,6 @@ impl<'a, S: Scattering, const N: usize> Stage<'a, S, N> {
             portal_order: u32::try_from(plan.portal_order).unwrap_or(u32::MAX),
         }
     }
-}
-
-/// Largest transmitted over incident power of an opening in a diffuse field, over the bands.
-fn diffuse_gain(scatter: &impl Scattering, bands: usize) -> f64 {
-    const INCLINATIONS: usize = 16;
-    const TURNS: usize = 8;
-    let mut mean = vec![0.0; bands];
-    let mut share = vec![0.0; bands];
-    for i in 0..INCLINATIONS {
-        // Lambert's law: equal steps of the squared sine.
-        let sin2 = (i as f64 + 0.5) / INCLINATIONS as f64;
-        for turn in 0..TURNS {
-            let (sin, cos) = (std::f64::consts::TAU * (turn as f64 + 0.25) / TURNS as f64).sin_cos();
-            let s_i = DVec3::new(sin2.sqrt() * cos, sin2.sqrt() * sin, (1.0 - sin2).sqrt());
-            scatter.transmitted(s_i, &mut share);
-            mean.iter_mut().zip(&share).for_each(|(m, s)| *m += s / (INCLINATIONS * TURNS) as f32);
-        }
-    }
-    mean.iter().fold(0.0, |a, m| f64::max(a, f64::from(*m)))
 }
 
 /// The faces of all surfaces; `captures` gives the portals with capture regions on the faces of a group with a normal.

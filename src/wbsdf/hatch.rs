@@ -278,30 +278,44 @@ fn nodes(side: &SideFunctions, x_m: f64, off_m: f64, k: f64) -> Nodes {
     Nodes { x_m, functions: DMatrix::from_vec(side.count, taus.len(), functions) }
 }
 
-/// Transmitted power of a plane wave at normal incidence over the power that meets the area of the opening, mean over the wave
-/// numbers `nodes`.
+/// Transmitted power of a diffuse field over the power that meets the area of the opening, mean over the wave numbers `nodes`.
 ///
-/// With b the moments of 1 and S c = 2 pi b, T = Im(c* S c)/(2 pi k area).
-pub fn transmission(width_m: f64, height_m: f64, thickness_m: f64, nodes: &[(f64, f64)]) -> f64 {
+/// A plane wave with the moments b drives c = 2 pi D b (D = S^-1, through a gap the difference of the two parts' inverses) and
+/// sends c* R c/(2 pi k) with R = Im S. The mean of b b* over all directions is R/k again, for the mean of exp(i k s.r) over the
+/// sphere is sin(kr)/(kr): T = 4 pi tr(R D R D*)/(k^2 area), no direction being summed.
+pub fn diffuse_transmission(width_m: f64, height_m: f64, thickness_m: f64, nodes: &[(f64, f64)]) -> f64 {
     let highest = nodes.iter().fold(0.0_f64, |k, node| k.max(node.0));
-    // It is solved once: to 1e-4.
-    let sides = [width_m, height_m].map(|width| SideFunctions::with(5, width, highest));
+    let sides = SideFunctions::of_rectangle([width_m, height_m], thickness_m, highest);
     let modes = (thickness_m > 0.0).then(|| [0, 1].map(|side| sides[side].modes()));
     let at = |k: f64| {
         let (thin, _) = matrices(&sides, None, k, 0.0);
         let (odd, even) = matrices(&sides, modes.as_ref(), k, thickness_m);
-        // An even wave moves the first block only, and there the first function only.
-        let solve = |matrix: &Symmetric| {
-            let mut velocity = Parts::zeros(matrix.size());
-            velocity.re[0] = TAU * PI * PI;
-            matrix.clone().factorised().solve(&mut velocity.re, &mut velocity.im);
-            velocity
-        };
-        let mut leaving = solve(&odd[0]);
-        if let Some(even) = even.first() {
-            leaving.subtract(&solve(even));
-        }
-        thin[0].form(&leaving).im / (TAU * k * width_m * height_m)
+        let mut even = even.into_iter();
+        let blocks = odd.into_iter().map(|odd| (odd.factorised(), even.next().map(Symmetric::factorised)));
+        let traces = blocks.zip(&thin).map(|((odd, even), outside)| {
+            let solved = |factors: &Symmetric, column: usize| {
+                let mut x = Parts::zeros(outside.size());
+                x.re.iter_mut().enumerate().for_each(|(row, re)| *re = outside.imaginary(row, column));
+                factors.solve(&mut x.re, &mut x.im);
+                x
+            };
+            // The columns of D R.
+            let columns: Vec<Parts> = (0..outside.size())
+                .map(|column| {
+                    let mut leaving = solved(&odd, column);
+                    even.iter().for_each(|even| leaving.subtract(&solved(even, column)));
+                    leaving
+                })
+                .collect();
+            let mut trace = 0.0;
+            for (i, column) in columns.iter().enumerate() {
+                for (j, row) in columns.iter().enumerate() {
+                    trace += column.re[j] * row.re[i] + column.im[j] * row.im[i];
+                }
+            }
+            trace
+        });
+        2.0 * TAU * traces.sum::<f64>() / (k * k * width_m * height_m)
     };
     nodes.iter().map(|(k, weight)| weight * at(*k)).sum()
 }
@@ -349,17 +363,44 @@ mod tests {
 
     #[test]
     fn a_small_square_hole_conducts_like_the_capacity_of_a_square_plate() {
-        // A plate of side a has the capacity 0.366789 a (Read 1997), the hole the flow 2 pi times that: T = 2 pi 0.366789^2.
-        let got = transmission(0.1, 0.1, 0.0, &[(0.01, 1.0)]);
-        assert!((got / 0.845_306 - 1.0).abs() < 1e-4, "{got}");
+        // A plate of side a has the capacity 0.366789 a (Read 1997), the hole the flow 2 pi times that: 2 pi 0.366789^2 at normal
+        // incidence, and as much from everywhere, while the power that meets it falls with the cosine: twice of it.
+        let got = diffuse_transmission(0.1, 0.1, 0.0, &[(0.01, 1.0)]);
+        // The functions do not know the corners.
+        assert!((got / (2.0 * 0.845_306) - 1.0).abs() < 1e-3, "{got}");
     }
 
     #[test]
-    fn a_wide_hole_passes_the_power_that_meets_it_through_any_depth() {
-        // k times side 15: Bouwkamp's circle passes 0.998 at k times radius 10, the depth turns waves back by a few per cent.
-        for depth in [0.0, 0.1] {
-            let got = transmission(1.0, 1.0, depth, &[(15.0, 1.0)]);
-            assert!((got - 1.0).abs() < 0.05, "{depth}: {got}");
+    fn a_wide_hole_passes_what_meets_it_and_a_strip_along_its_edges() {
+        // At normal incidence Bouwkamp's circle passes 0.998 at k times radius 10. From everywhere every edge takes in a strip of some
+        // 1/(2 k), and the depth turns some of it back.
+        for (depth, excess) in [(0.0, 0.5), (0.1, 0.35)] {
+            let got = [15.0, 30.0].map(|k| (diffuse_transmission(1.0, 1.0, depth, &[(k, 1.0)]) - 1.0) * k / 4.0);
+            assert!(got.iter().all(|g| (g - excess).abs() < 0.1), "{depth}: {got:?}");
+        }
+    }
+
+    #[test]
+    fn the_diffuse_transmission_is_the_mean_over_all_pairs_of_directions() {
+        // Sources and receivers all round, far away: 1/pi of the mean of I r_i^2 r_o^2 over both hemispheres (2 pi)^2, over the area.
+        const POINTS: usize = 60;
+        const FAR_M: f64 = 300.0;
+        for (width, height, depth, k) in [(0.3, 0.5, 0.0, 6.0), (0.05, 0.6, 0.2, 4.0), (0.4, 0.4, 0.3, 9.0)] {
+            let hatch = Hatch::new([0.0, width], [0.0, height], depth, &[(k, 1.0)]);
+            let point = |i: usize, side: f64| {
+                let (z, turn) = ((i as f64 + 0.5) / POINTS as f64, 0.618_034 * TAU * i as f64);
+                let r = (1.0 - z * z).sqrt();
+                FAR_M * DVec3::new(r * turn.cos(), r * turn.sin(), side * z)
+            };
+            let receivers: Vec<View> = (0..POINTS).map(|i| hatch.view(point(i, 1.0))).collect();
+            let sum: f64 = (0..POINTS)
+                .map(|i| hatch.driven(&hatch.view(point(i, -1.0))))
+                .map(|driven| receivers.iter().map(|r| hatch.intensity(&driven, r)).sum::<f64>())
+                .sum();
+            let expected = sum / (POINTS * POINTS) as f64 * FAR_M.powi(4) * TAU * TAU / (PI * width * height);
+            let got = diffuse_transmission(width, height, depth, &[(k, 1.0)]);
+            // 60 directions a side.
+            assert!((got / expected - 1.0).abs() < 0.02, "{width} x {height} x {depth} m: {got} {expected}");
         }
     }
 }

@@ -9,6 +9,7 @@ mod factors;
 pub mod flanked;
 mod hankel;
 pub mod hatch;
+mod marginal;
 pub mod mask;
 mod multipole;
 mod overlap;

@@ -68,6 +68,7 @@ impl SideFunctions {
     }
 
     /// With `more` functions than levels need.
+    #[cfg(test)]
     pub(super) fn with(more: usize, width_m: f64, k: f64) -> Self {
         let phase = 0.5 * k * width_m;
         Self::of_count(functions(phase).ceil() as usize + more, 0.5 * width_m, phase)

@@ -35,18 +35,10 @@ impl Symmetric {
         row * self.size - row * row.saturating_sub(1) / 2
     }
 
-    /// c^H A c.
-    pub(super) fn form(&self, c: &Parts) -> Complex64 {
-        let mut sum = Complex64::ZERO;
-        for row in 0..self.size {
-            for column in row..self.size {
-                let at = self.start(row) + column - row;
-                let twice = if row == column { 1.0 } else { 2.0 };
-                let product = c.re[row] * c.re[column] + c.im[row] * c.im[column];
-                sum += Complex64::new(self.re[at], self.im[at]) * (twice * product);
-            }
-        }
-        sum
+    /// Imaginary part of an entry, before it is factorised.
+    pub(super) fn imaginary(&self, row: usize, column: usize) -> f64 {
+        let (row, column) = (row.min(column), row.max(column));
+        self.im[self.start(row) + column - row]
     }
 
     pub(super) fn factorised(mut self) -> Self {
