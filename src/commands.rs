@@ -234,7 +234,7 @@ fn sweep(args: &RunArgs, dry: Option<&Path>) -> Result<()> {
         bar.traced(index, &format!("value {} of {}, ", index + 1, values.len()), &progress);
     };
     let start = Instant::now();
-    let points = sweep::run(&room, &overrides, &parameter, &values, &done, &traced)?;
+    let points = sweep::run(&room, &overrides, &parameter, &values, dry.is_some(), &done, &traced)?;
     run.times_s.push(("sweep".to_owned(), start.elapsed().as_secs_f64()));
     drop(bar);
 

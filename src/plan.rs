@@ -87,6 +87,8 @@ pub struct TracePart {
     pub length_s: f64,
     /// Echogram bin width in s.
     pub bin_s: f64,
+    /// Whether decay times are asked for, not levels alone.
+    pub decays: bool,
     /// Reverberation time (Eyring) in s of the slowest band that the length follows from, if the room is closed.
     pub reverberation_s: Option<f64>,
 }
@@ -380,7 +382,7 @@ fn trace_part(
         None => 4.0 * farthest(scene) / scene.air.speed_of_sound_m_s + 0.2,
     });
     let length_s = length.clamp(LENGTH_S[0], LENGTH_S[1]);
-    (Some(TracePart { why, length_s, bin_s: BIN_S, reverberation_s }), None)
+    (Some(TracePart { why, length_s, bin_s: BIN_S, decays: true, reverberation_s }), None)
 }
 
 /// Longest Eyring reverberation time in s of any band, and volume in m^3, of each source's and probe's room if it is closed.

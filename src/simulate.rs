@@ -85,6 +85,7 @@ pub fn run_prepared(
                 reflection_order: plan.reflection_order,
                 portal_order: usize::from(scene.simulation.diffraction_order > 0),
                 bin_s: part.bin_s,
+                decays: part.decays,
                 early: early_sums(scene, &early),
                 ..TracePlan::new(scene, part.length_s)
             };

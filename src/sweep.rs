@@ -21,7 +21,7 @@ pub struct SweepPoint {
 }
 
 /// Runs `room` for every value of `parameter` (path of a number in the room file, as `opening.door.open_m`), on top of
-/// `overrides`. Scenes without traced rays run side by side, others one after the other on all threads: the results do not
+/// `overrides`; for levels, and with `decays` for echograms whose decay times are as good as those of a single run. Scenes without traced rays run side by side, others one after the other on all threads: the results do not
 /// depend on it. `done` is called after each value with the number of values finished, `progress` while rays are traced.
 ///
 /// # Errors
@@ -31,6 +31,7 @@ pub fn run(
     overrides: &[Override],
     parameter: &str,
     values: &[f64],
+    decays: bool,
     done: &(dyn Fn(usize) + Sync),
     progress: &(dyn Fn(trace::Progress) + Sync),
 ) -> Result<Vec<SweepPoint>> {
@@ -38,7 +39,10 @@ pub fn run(
     let prepare = |value: f64| {
         let scene = room.scene_at(overrides, parameter, value)?;
         let geometry = Geometry::new(&scene)?;
-        let plan = Plan::new(&scene, &geometry);
+        let mut plan = Plan::new(&scene, &geometry);
+        if let Some(part) = &mut plan.traced {
+            part.decays = decays;
+        }
         Ok((value, scene, geometry, plan))
     };
     let point = |(value, scene, geometry, plan): (f64, _, _, Plan)| {

@@ -122,14 +122,23 @@ impl Facet {
         (self.normal, self.distance)
     }
 
-    /// Whether two facets lie in one plane but for rounding.
+    /// Whether two facets lie in one plane but for rounding, whichever way they face.
     pub(crate) fn shares_plane(&self, other: &Self, rounding_m: f64) -> bool {
-        self.plane == other.plane && self.normal == other.normal && (self.distance - other.distance).abs() <= rounding_m
+        let turn = self.turn(other);
+        self.plane == other.plane
+            && self.normal == other.normal * turn
+            && (self.distance - other.distance * turn).abs() <= rounding_m
     }
 
-    /// Moves a facet that shares its plane with `other` into that plane to the last bit.
+    /// Moves a facet that shares its plane with `other` into that plane to the last bit: a change of both signs leaves all
+    /// distances along rays the same.
     pub(crate) fn settle(&mut self, other: &Self) {
-        self.distance = other.distance;
+        self.distance = other.distance * self.turn(other);
+    }
+
+    /// 1 if the normal points to the side of the other's, else -1.
+    fn turn(&self, other: &Self) -> f64 {
+        1.0_f64.copysign(self.normal.dot(other.normal))
     }
 
     /// Whether the projection of a point (relative to the scene's centre) on the plane lies in the facet, borders

@@ -61,6 +61,8 @@ pub struct TracePlan {
     pub receiver_radius_m: f64,
     /// Seed of every random number.
     pub seed: u64,
+    /// Whether decay times are asked for: weak rays are then followed further, which levels alone do not need.
+    pub decays: bool,
     /// Standard error in dB of every level (early + traced) at which the run stops.
     pub target_db: f64,
     /// Upper bound of rays, all sources together; at least one chunk a source is traced.
@@ -81,6 +83,7 @@ impl TracePlan {
             length_s,
             receiver_radius_m: 0.4,
             seed: scene.simulation.seed,
+            decays: true,
             target_db: scene.simulation.target_db,
             max_rays: scene.simulation.max_rays,
             max_time_s: scene.simulation.max_time_s,

@@ -22,16 +22,15 @@ use crate::geometry::{Element, Hit, Skip};
 use crate::scene::Source;
 use crate::wbsdf::scatter::Form;
 
-/// Russian roulette keeps the number of rays at this many times the square root of the power they have left: full
-/// strength to -10 dB, one in twenty at -35 dB, one in 300 at -60 dB. Levels come from the strong rays, decay times need
-/// some weak ones; the square root is the optimum between a number that follows the power (levels alone) and a constant one.
-const POPULATION: f32 = 3.0;
-
 /// After this many split-off rays the inclination of a history to split has halved: bounds the tree.
 const SPLIT_BUDGET: f64 = 16.0;
 
 /// Rays into which one of full strength is split when it first passes a portal.
 const PORTAL_PARTS: f64 = 6.0;
+
+/// A ray whose weight crossings have raised far above that with which its branch began goes on as several, each of at least this
+/// many times that weight.
+const HEADROOM: f32 = 2.0;
 
 /// Most copies that a ray whose weight has grown in a crossing is split into at once.
 const MOST_COPIES: f32 = 64.0;
@@ -139,9 +138,14 @@ struct Through {
 }
 
 /// Follows one ray of `source` and all rays split off from it. `pending` is scratch memory.
+///
+/// Russian roulette keeps the number of rays at `population` times the square root of the power they have left; at 3 this is full
+/// strength to -10 dB, one in twenty at -35 dB, one in 300 at -60 dB. Levels come from the strong rays, decay times need
+/// some weak ones; the square root is the optimum between a number that follows the power (levels alone) and a constant one.
 pub(super) fn trace_ray<S: Scattering, const N: usize>(
     stage: &Stage<'_, S, N>,
     source: &Source,
+    population: f32,
     stream: &mut Stream,
     pending: &mut Vec<Ray<N>>,
     tally: &mut Tally<N>,
@@ -168,7 +172,7 @@ pub(super) fn trace_ray<S: Scattering, const N: usize>(
         passed: [usize::MAX; REMEMBERED_GROUPS],
         passed_count: 0,
     };
-    let mut walk = Walk { stage, stream, pending, tally, split: 0, absorbed: [0.0; N], air: [0.0; N] };
+    let mut walk = Walk { stage, population, stream, pending, tally, split: 0, absorbed: [0.0; N], air: [0.0; N] };
     walk.pending.clear();
     walk.pending.push(emitted);
     while let Some(ray) = walk.pending.pop() {
@@ -182,6 +186,7 @@ pub(super) fn trace_ray<S: Scattering, const N: usize>(
 /// One history in progress.
 struct Walk<'w, 's, S, const N: usize> {
     stage: &'w Stage<'s, S, N>,
+    population: f32,
     stream: &'w mut Stream,
     pending: &'w mut Vec<Ray<N>>,
     tally: &'w mut Tally<N>,
@@ -300,8 +305,8 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
         if largest == 0.0 {
             return false;
         }
-        // kept <= 2 POPULATION sqrt(power) with the power largest * kept / reference.
-        if ray.kept * ray.reference <= 4.0 * POPULATION * POPULATION * largest {
+        // kept <= 2 population sqrt(power) with the power largest * kept / reference.
+        if ray.kept * ray.reference <= 4.0 * self.population * self.population * largest {
             return true;
         }
         let before = ray.weights;
@@ -562,9 +567,9 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             self.tally.accounts.book_gain(Account::Portals, &ray.weights, &child.weights);
             child.direction = (frame.x * out.x + frame.y * out.y + frame.normal * (out.z * sign)).normalize();
             child.last = Last::Portal(portal);
-            // Crossing by crossing the weight of a few rays would grow without bound: above twice the weight its branch began
-            // with a ray goes on as several.
-            let copies = (mean(&child.weights) / child.reference).floor().clamp(1.0, MOST_COPIES);
+            // Crossing by crossing the weight of a few rays would grow without bound.
+            let growth = mean(&child.weights) / child.reference;
+            let copies = (growth / HEADROOM).floor().clamp(1.0, MOST_COPIES);
             child.weights.iter_mut().for_each(|w| *w /= copies);
             child.kept *= copies;
             self.pending.extend(std::iter::repeat_n(child, copies as usize));

@@ -16,6 +16,15 @@ use crate::scene::{Scene, SourceKind};
 /// known sooner.
 const FIRST_CHUNKS: u64 = 32;
 
+/// Populations of rays (see [`trace_ray`]) in the first round, in later ones, and where no decay times are asked for. Measured in two
+/// rooms with a doorway, 8192 rays, and a shoebox, 65,536: decay times spread by 2 to 4 % and 0.8 % at 3; 2 to 14 % and 1 % at 1.5; 5 to 15 % and 1.7 %
+/// at 0.75; the time to a given error of the level at 8 kHz is as 1 to 0.6 to 0.36.
+const FOR_DECAYS: f32 = 3.0;
+/// See [`FOR_DECAYS`].
+const FOR_LEVELS_TOO: f32 = 1.5;
+/// See [`FOR_DECAYS`].
+const FOR_LEVELS: f32 = 0.75;
+
 /// A standard error counts as known only once this many rays have reached the probe ...
 const ARRIVALS_FOR_AN_ERROR: u64 = 64;
 
@@ -65,6 +74,7 @@ pub(super) fn run<S: Scattering, const N: usize>(
     let max_chunks = (plan.max_rays / CHUNK_RAYS).max(parts.len() as u64);
     let mut worst_db = f64::INFINITY;
     let mut wanted: Vec<u64> = vec![FIRST_CHUNKS.min(max_chunks / parts.len() as u64); parts.len()];
+    let mut population = if plan.decays { FOR_DECAYS } else { FOR_LEVELS };
     let ended = 'rounds: loop {
         // (part, chunk) in the order of merging.
         let work: Vec<(usize, u64)> = (0..parts.len())
@@ -74,7 +84,9 @@ pub(super) fn run<S: Scattering, const N: usize>(
             for (slot, &(part, chunk)) in slots.iter_mut().zip(batch) {
                 (slot.source, slot.chunk) = (parts[part].source, chunk);
             }
-            slots[..batch.len()].par_iter_mut().for_each(|slot| trace_chunk(&stage, scene, plan.seed, slot));
+            slots[..batch.len()]
+                .par_iter_mut()
+                .for_each(|slot| trace_chunk(&stage, scene, plan.seed, population, slot));
             for (slot, &(part, _)) in slots.iter().zip(batch) {
                 parts[part].tally.merge(&slot.tally);
                 parts[part].chunks += 1;
@@ -96,6 +108,7 @@ pub(super) fn run<S: Scattering, const N: usize>(
             break Ended::MaxRays;
         }
         wanted = next_round(&parts, &needs, max_chunks - used);
+        population = population.min(FOR_LEVELS_TOO);
     };
 
     TraceOutcome {
@@ -122,12 +135,18 @@ pub(super) fn run<S: Scattering, const N: usize>(
 }
 
 /// Traces one chunk of rays into its slot.
-fn trace_chunk<S: Scattering, const N: usize>(stage: &Stage<'_, S, N>, scene: &Scene, seed: u64, slot: &mut Slot<N>) {
+fn trace_chunk<S: Scattering, const N: usize>(
+    stage: &Stage<'_, S, N>,
+    scene: &Scene,
+    seed: u64,
+    population: f32,
+    slot: &mut Slot<N>,
+) {
     slot.tally.clear();
     let source = &scene.sources[slot.source];
     for ray in slot.chunk * CHUNK_RAYS..(slot.chunk + 1) * CHUNK_RAYS {
         let mut stream = Stream::new(seed, slot.source, ray);
-        trace_ray(stage, source, &mut stream, &mut slot.pending, &mut slot.tally);
+        trace_ray(stage, source, population, &mut stream, &mut slot.pending, &mut slot.tally);
     }
 }
 
