@@ -45,7 +45,7 @@ fn swept(room: &str) -> (Scene, Vec<Series>) {
     let room = Room::read(&rooms().join(room)).unwrap();
     let scene = room.load(&[]).unwrap().scene;
     let sweep = scene.sweep.as_ref().unwrap();
-    let points = sweep::run(&room, &[], &sweep.parameter, &sweep.values, &|_| {}, &|_| {}).unwrap();
+    let points = sweep::run(&room, &[], &sweep.parameter, &sweep.values, false, &|_| {}, &|_| {}).unwrap();
     let values: Vec<SweepValue> = points
         .iter()
         .map(|p| SweepValue { value: p.value, receptions: &p.outcome.receptions, spl_1m_db: Vec::new() })

@@ -205,7 +205,7 @@ pub(super) fn match_bands(
     let mut best: Option<(Worst, Vec<f64>, Vec<Complex64>)> = None;
     let mut gains = vec![Complex64::ZERO; raw.len()];
     let mut spectrum = raw.clone();
-    for _ in 0..8 {
+    for _ in 0..16 {
         fit(&means, &wanted, &places, &mut ln_gain);
         let (coarse, share) = shaper.gain_phase(&silent, |hz| between_hz(&nodes_hz, hz).of(&ln_gain));
         let ratio = shaper.length() as f64 / meter.grid as f64;

@@ -23,6 +23,10 @@ const CROSSFADE_SHARE: f64 = 1.0 / 48.0;
 /// Places at which a band's noise is tried against the early sound.
 const ROTATIONS: usize = 32;
 
+/// Width of the groups of bins between which the envelope is interpolated, as a share of the time since the first bin: a decay is
+/// smooth over them, and late bins in which few rays arrived do not stand out.
+const GROWTH: f64 = 1.0 / 24.0;
+
 /// Window over which a band's noise is given constant power, in periods of its width.
 const LEVELLED: f64 = 4.0;
 
@@ -167,8 +171,8 @@ fn random_signs(reception: &Reception, (seed, channel): (u64, usize), length: us
     signs
 }
 
-/// Square root of the share of the band's energy in each sample, from the bins' powers interpolated linearly between the
-/// bins' middles. Before the middle of the first bin with energy, and after the middle of the last, the power is held; nothing precedes
+/// Square root of the share of the band's energy in each sample, from the powers of groups of bins (see [`grouped`]) interpolated linearly
+/// between their middles. Before the middle of the first group, and after that of the last, the power is held; nothing precedes
 /// the first bin's start or, if an early path arrives within that bin, that path.
 fn envelope(curve: &EnergyCurve, axis: TimeAxis) -> Vec<f64> {
     let TimeAxis { sample_rate_hz, length, shift_s } = axis;
@@ -181,13 +185,16 @@ fn envelope(curve: &EnergyCurve, axis: TimeAxis) -> Vec<f64> {
     let onset_s = curve.first_arrival_s().unwrap_or(0.0).max(first as f64 * curve.bin_s);
     let begin = ((onset_s + shift_s) * sample_rate_hz).ceil().max(0.0) as usize;
     let end = ((((last + 1) as f64 * curve.bin_s + shift_s) * sample_rate_hz).ceil().max(0.0) as usize).min(length);
-    let mut sum = 0.0;
+    let groups = grouped(&curve.bins[first..=last]);
+    let (mut sum, mut next) = (0.0, 0);
     for (n, e) in envelope.iter_mut().enumerate().take(end).skip(begin) {
-        let position = ((n as f64 / sample_rate_hz - shift_s) / curve.bin_s - 0.5).clamp(first as f64, last as f64);
-        let bin = position as usize;
-        let share = position - bin as f64;
-        let next = curve.bins[(bin + 1).min(last)];
-        let power = curve.bins[bin] + share * (next - curve.bins[bin]);
+        let position = (n as f64 / sample_rate_hz - shift_s) / curve.bin_s - first as f64;
+        while next < groups.len() && groups[next].0 <= position {
+            next += 1;
+        }
+        let (after, before) = (groups[next.min(groups.len() - 1)], groups[next.saturating_sub(1)]);
+        let share = if after.0 > before.0 { (position - before.0) / (after.0 - before.0) } else { 0.0 };
+        let power = before.1 + share * (after.1 - before.1);
         *e = power.sqrt();
         sum += power;
     }
@@ -196,6 +203,18 @@ fn envelope(curve: &EnergyCurve, axis: TimeAxis) -> Vec<f64> {
         *e *= scale;
     }
     envelope
+}
+
+/// Middle (in bins) and mean energy a bin of groups of bins that grow with the time since the first by [`GROWTH`].
+fn grouped(bins: &[f64]) -> Vec<(f64, f64)> {
+    let mut groups = Vec::new();
+    let mut from = 0;
+    while from < bins.len() {
+        let to = (from + 1 + (GROWTH * from as f64) as usize).min(bins.len());
+        groups.push((0.5 * (from + to) as f64, bins[from..to].iter().sum::<f64>() / (to - from) as f64));
+        from = to;
+    }
+    groups
 }
 
 /// Amplitude share of band `b` at `hz`; the squares of the shares of all bands sum to 1, as rotated bands add their powers.

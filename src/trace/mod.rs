@@ -31,6 +31,7 @@ mod receiver;
 mod rounds;
 mod stage;
 mod tally;
+mod walk;
 
 pub use ledger::Ledger;
 pub use portal::Scattering;

@@ -5,9 +5,10 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::random::Stream;
-use super::ray::{Ray, trace_ray};
+use super::ray::Ray;
 use super::stage::Stage;
 use super::tally::Tally;
+use super::walk::trace_ray;
 use super::{CHUNK_RAYS, Ended, Ledger, Progress, Scattering, TraceOutcome, TracePlan, Traced, Worst};
 use crate::geometry::Geometry;
 use crate::scene::{Scene, SourceKind};

@@ -141,10 +141,15 @@ impl PortalScatter {
         let s_o = DVec3::new(s_x, s_y, (1.0 - transverse).sqrt());
         let lobes: f64 = self.bands.iter().map(|b| b.proposal(l_x, l_y, s_i, s_o)).sum::<f64>() / count as f64;
         let density = uniform_share / (TAU * s_o.z) + (1.0 - uniform_share) * lobes;
+        let crossing = self.crossing(form, (x_m, y_m), s_i, s_o);
         for (weight, band) in weights.iter_mut().zip(&self.bands) {
-            *weight *= (band.share(form, (x_m, y_m), [self.x_m, self.y_m], s_i, s_o) / density) as f32;
+            *weight *= (band.share(&crossing) / density) as f32;
         }
         Some(s_o)
+    }
+
+    fn crossing(&self, form: Form, (x_m, y_m): (f64, f64), s_i: DVec3, s_o: DVec3) -> Crossing {
+        Crossing::new(form, [(x_m, self.x_m), (y_m, self.y_m)], s_i, s_o)
     }
 
     /// Whether the opening is unbounded in one direction: its lobe has no density over solid angle.
@@ -154,12 +159,10 @@ impl PortalScatter {
 
     /// Signed share of the ray's power per steradian sent towards the unit direction `s_o`, one a band.
     pub fn density(&self, form: Form, at_m: (f64, f64), s_i: DVec3, s_o: DVec3, out: &mut [f64]) {
+        let crossing = self.crossing(form, at_m, s_i, s_o);
+        let kept = self.keeps_a_direction();
         for (value, band) in out.iter_mut().zip(&self.bands) {
-            *value = if self.keeps_a_direction() {
-                0.0
-            } else {
-                band.share(form, at_m, [self.x_m, self.y_m], s_i, s_o) * s_o.z
-            };
+            *value = if kept { 0.0 } else { band.share(&crossing) * s_o.z };
         }
     }
 
@@ -196,7 +199,7 @@ impl BandScatter {
         self.intake
             * match &self.model {
                 Model::SmallHole { transmission } => transmission / s_i.z.max(MIN_COS),
-                Model::Sides { x, y } => x.transmitted([s_i.x, s_i.y, s_i.z]) * y.transmitted([s_i.y, s_i.x, s_i.z]),
+                Model::Sides { x, y } => x.transmitted(s_i.x, s_i.z) * y.transmitted(s_i.y, s_i.z),
             }
     }
 
@@ -214,7 +217,7 @@ impl BandScatter {
     /// is known, and the share of the mean over the opening with these `limits` is summed over pairs of directions.
     fn balanced(self, limits: [[f64; 2]; 2], passes: Option<f64>) -> Self {
         let [l_x, l_y] = limits.map(|l| 0.5 * (l[1] - l[0]));
-        let centre = (limits[0][0] + l_x, limits[1][0] + l_y);
+        let centre = [(limits[0][0] + l_x, limits[0]), (limits[1][0] + l_y, limits[1])];
         let (mut sent, mut passed) = (0.0, 0.0);
         for n in 1..=BALANCE_DRAWS {
             // A Kronecker sequence in four dimensions; incidence by Lambert's law, half of the directions from the lobe.
@@ -228,7 +231,7 @@ impl BandScatter {
             if transverse < 1.0 - 1e-12 {
                 let s_o = DVec3::new(s_x, s_y, (1.0 - transverse).sqrt());
                 let density = 0.5 / (TAU * s_o.z) + 0.5 * self.proposal(l_x, l_y, s_i, s_o);
-                sent += self.share(Form::Marginal, centre, limits, s_i, s_o) / density;
+                sent += self.share(&Crossing::new(Form::Marginal, centre, s_i, s_o)) / density;
             }
         }
         let passes = passes.map_or(passed, |passes| passes * BALANCE_DRAWS as f64);
@@ -236,16 +239,12 @@ impl BandScatter {
     }
 
     /// Share of the power per unit (Delta_x, Delta_y), signed.
-    fn share(&self, form: Form, (x_m, y_m): (f64, f64), limits: [[f64; 2]; 2], s_i: DVec3, s_o: DVec3) -> f64 {
+    fn share(&self, crossing: &Crossing) -> f64 {
         self.balance
             * match &self.model {
-                Model::SmallHole { transmission } => transmission / (TAU * s_i.z.max(MIN_COS) * s_o.z.max(MIN_COS)),
+                Model::SmallHole { transmission } => transmission * crossing.small,
                 Model::Sides { x, y } => {
-                    let along = |s: DVec3| [s.x, s.y, s.z];
-                    let across = |s: DVec3| [s.y, s.x, s.z];
-                    x.share(form, x_m, limits[0], along(s_i), along(s_o), &self.spectrum)
-                        * y.share(form, y_m, limits[1], across(s_i), across(s_o), &self.spectrum)
-                        * grazing_balance(s_i, s_o)
+                    x.share(&crossing.x, &self.spectrum) * y.share(&crossing.y, &self.spectrum) * crossing.balance
                 }
             }
     }
@@ -262,6 +261,84 @@ impl BandScatter {
     }
 }
 
+/// What a pair of directions at a place of the opening means in every band.
+struct Crossing {
+    x: Turn,
+    y: Turn,
+    /// See [`grazing_balance`].
+    balance: f64,
+    /// Share of a small hole that transmits all: 1/(2 pi cos theta_i cos theta_o).
+    small: f64,
+}
+
+/// The part of a pair of directions across one pair of edges.
+struct Turn {
+    /// Place and limits in m; without a place: the mean over the opening.
+    at_m: Option<f64>,
+    limits: [f64; 2],
+    delta: f64,
+    /// Sines of the angles in the plane across the edges.
+    sin_i: f64,
+    sin_o: f64,
+    /// Sine of the angle with the edges, the geometric mean of both directions.
+    sin_beta: f64,
+    /// The product of the cosines of the angles in the plane across the edges.
+    flux: f64,
+    /// Keller's obliquity O^2.
+    obliquity: f64,
+}
+
+impl Crossing {
+    /// `places`: coordinate and limits in m for x and y.
+    fn new(form: Form, places: [(f64, [f64; 2]); 2], s_i: DVec3, s_o: DVec3) -> Self {
+        let [x, y] = places;
+        Self {
+            x: Turn::new(form, x, [s_i.x, s_i.z], [s_o.x, s_o.z]),
+            y: Turn::new(form, y, [s_i.y, s_i.z], [s_o.y, s_o.z]),
+            balance: grazing_balance(s_i, s_o),
+            small: 1.0 / (TAU * s_i.z.max(MIN_COS) * s_o.z.max(MIN_COS)),
+        }
+    }
+}
+
+impl Turn {
+    /// Directions as [across the edges, normal].
+    fn new(form: Form, (at_m, limits): (f64, [f64; 2]), s_i: [f64; 2], s_o: [f64; 2]) -> Self {
+        let project = |s: [f64; 2]| {
+            let sin_beta = length(s[0], s[1]).max(1e-9);
+            (s[0] / sin_beta, s[1] / sin_beta, sin_beta)
+        };
+        let (sin_i, cos_i, beta_i) = project(s_i);
+        let (sin_o, cos_o, beta_o) = project(s_o);
+        let cos_sigma = (0.5 * (1.0 + cos_o * cos_i - sin_o * sin_i)).max(0.0).sqrt();
+        let sin_delta = (0.5 * (1.0 - cos_o * cos_i - sin_o * sin_i)).max(0.0).sqrt();
+        let mean = form == Form::Marginal && limits[0].is_finite() && limits[1].is_finite();
+        let obliquity = if mean {
+            // The mean over the two halves of the opening.
+            cos_sigma * cos_sigma + sin_delta * sin_delta
+        } else {
+            let sin_delta = sin_delta.copysign(sin_o - sin_i);
+            let side = if at_m - limits[0] < limits[1] - at_m { -1.0 } else { 1.0 };
+            (cos_sigma + side * sin_delta).powi(2)
+        };
+        Self {
+            at_m: (!mean).then_some(at_m),
+            limits,
+            delta: s_o[0] - s_i[0],
+            sin_i,
+            sin_o,
+            sin_beta: (beta_i * beta_o).sqrt(),
+            flux: cos_i.max(MIN_COS) * cos_o.max(MIN_COS),
+            obliquity,
+        }
+    }
+}
+
+/// Length of (a, b), neither near the limits of a float.
+fn length(a: f64, b: f64) -> f64 {
+    (a * a + b * b).sqrt()
+}
+
 /// The product of the two directions' ratios O^2/(cos theta_i cos theta_o) is 1 on the shadow boundary, as it must be,
 /// but counts a grazing direction's small cosine twice. With C = cos theta / (cos theta_x cos theta_y) <= 1 of a
 /// direction, C_i C_o takes one of them back; near the shadow boundary it is divided by C^2 of the mean direction,
@@ -269,7 +346,7 @@ impl BandScatter {
 fn grazing_balance(s_i: DVec3, s_o: DVec3) -> f64 {
     let c = |s: DVec3| {
         let z = s.z.max(MIN_COS);
-        z / (s.x.hypot(z) * s.y.hypot(z))
+        z / (length(s.x, z) * length(s.y, z))
     };
     let mean = c((s_i + s_o).normalize()).powi(2);
     let change = (s_o.x - s_i.x).powi(2) + (s_o.y - s_i.y).powi(2);
@@ -295,13 +372,13 @@ impl Direction {
         }
     }
 
-    /// Transmitted over incident power; direction as in [`Self::share`].
-    fn transmitted(&self, s_i: [f64; 3]) -> f64 {
+    /// Transmitted over incident power of a direction with the given cosines, across the edges and along the normal.
+    fn transmitted(&self, across: f64, normal: f64) -> f64 {
         match self {
             Self::Kept | Self::Wide { .. } => 1.0,
             Self::Narrow(marginal) => {
-                let sin_beta = s_i[0].hypot(s_i[2]).max(1e-9);
-                marginal.total(sin_beta, s_i[0] / sin_beta) / (s_i[2] / sin_beta).max(MIN_COS)
+                let sin_beta = length(across, normal).max(1e-9);
+                marginal.total(sin_beta, across / sin_beta) / (normal / sin_beta).max(MIN_COS)
             }
         }
     }
@@ -337,42 +414,18 @@ impl Direction {
         }
     }
 
-    /// Signed share per unit Delta; directions as [across the edges, along the edges, normal].
-    fn share(&self, form: Form, at_m: f64, limits: [f64; 2], s_i: [f64; 3], s_o: [f64; 3], spectrum: &Spectrum) -> f64 {
-        // Angles in the plane across the edges.
-        let project = |s: [f64; 3]| {
-            let sin_beta = s[0].hypot(s[2]).max(1e-9);
-            (s[0] / sin_beta, s[2] / sin_beta, sin_beta)
-        };
-        let (sin_i, cos_i, beta_i) = project(s_i);
-        let (sin_o, cos_o, beta_o) = project(s_o);
-        let flux = cos_i.max(MIN_COS) * cos_o.max(MIN_COS);
+    /// Signed share per unit Delta.
+    fn share(&self, turn: &Turn, spectrum: &Spectrum) -> f64 {
         match self {
             Self::Kept => 1.0,
             Self::Wide { rigid } => {
-                let delta = s_o[0] - s_i[0];
-                let finite = limits[0].is_finite() && limits[1].is_finite();
-                let weight = match form {
-                    Form::Marginal if finite => spectrum.mean_weight(limits[1] - limits[0], delta),
-                    _ => spectrum.weight(edge_distance(at_m, limits).max(0.0), delta),
+                let weight = match turn.at_m {
+                    None => spectrum.mean_weight(turn.limits[1] - turn.limits[0], turn.delta),
+                    Some(at_m) => spectrum.weight(edge_distance(at_m, turn.limits).max(0.0), turn.delta),
                 };
-                if !rigid {
-                    return weight;
-                }
-                let cos_sigma = (0.5 * (1.0 + cos_o * cos_i - sin_o * sin_i)).max(0.0).sqrt();
-                let sin_delta = (0.5 * (1.0 - cos_o * cos_i - sin_o * sin_i)).max(0.0).sqrt();
-                let obliquity = match form {
-                    // The mean over the two halves of the opening.
-                    Form::Marginal if finite => cos_sigma * cos_sigma + sin_delta * sin_delta,
-                    _ => {
-                        let sin_delta = sin_delta.copysign(sin_o - sin_i);
-                        let side = if at_m - limits[0] < limits[1] - at_m { -1.0 } else { 1.0 };
-                        (cos_sigma + side * sin_delta).powi(2)
-                    }
-                };
-                weight * obliquity / flux
+                if *rigid { weight * turn.obliquity / turn.flux } else { weight }
             }
-            Self::Narrow(marginal) => marginal.at((beta_i * beta_o).sqrt(), sin_i, sin_o) / flux,
+            Self::Narrow(marginal) => marginal.at(turn.sin_beta, turn.sin_i, turn.sin_o) / turn.flux,
         }
     }
 }

@@ -39,16 +39,21 @@ impl Spectrum {
     /// The mean of the weight (3) over an opening of `width_m`: (1/Lambda) a sinc^2(pi a Delta/Lambda), positive, its
     /// integral over Delta 1. Mean over the band by three Gauss nodes (the lobe's side lobes need no more).
     pub fn mean_weight(&self, width_m: f64, delta: f64) -> f64 {
-        const NODES: [(f64, f64); 3] =
-            [(-0.774_596_669_241_483_4, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.774_596_669_241_483_4, 5.0 / 18.0)];
-        let (centre, half) = (0.5 * (self.low_hz + self.high_hz), 0.5 * (self.high_hz - self.low_hz));
-        NODES
-            .iter()
-            .map(|(x, weight)| {
-                let per_wavelength = width_m * (centre + half * x) / self.speed_m_s;
-                weight * per_wavelength * sinc(PI * per_wavelength * delta).powi(2)
-            })
-            .sum()
+        const NODE: f64 = 0.774_596_669_241_483_4;
+        const WEIGHTS: [f64; 3] = [5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0];
+        let per_wavelength = |hz: f64| width_m * hz / self.speed_m_s;
+        let centre = per_wavelength(0.5 * (self.low_hz + self.high_hz));
+        let step = per_wavelength(0.5 * NODE * (self.high_hz - self.low_hz));
+        let widths = [centre - step, centre, centre + step];
+        let ((sin, cos), (sin_step, cos_step)) = ((PI * centre * delta).sin_cos(), (PI * step * delta).sin_cos());
+        let (shared, apart) = (sin * cos_step, cos * sin_step);
+        let sines = [shared - apart, sin, shared + apart];
+        let lobe = |i: usize| {
+            let x = PI * widths[i] * delta;
+            let sinc = if x.abs() < 1e-4 { sinc(x) } else { sines[i] / x };
+            WEIGHTS[i] * widths[i] * sinc * sinc
+        };
+        (0..3).map(lobe).sum()
     }
 
     /// Band mean of the wavelength in m: c ln(f2/f1)/(f2 - f1).
