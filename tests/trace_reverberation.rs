@@ -156,6 +156,29 @@ fn bands_traced_together_equal_bands_traced_alone() {
 }
 
 #[test]
+fn a_probe_hears_the_same_alone_and_among_many() {
+    // Where there are many probes weak rain is thinned at random.
+    let build = |others: usize| {
+        let mut scene = shoebox([6.0, 5.0, 3.0], &[0.2], &[0.6]);
+        add_source(&mut scene, [1.0, 1.0, 1.0]);
+        add_probe(&mut scene, [4.0, 3.0, 2.0]);
+        for i in 0..others {
+            add_probe(&mut scene, [0.5 + 5.0 * (i % 6) as f64 / 6.0, 0.4 + 4.0 * (i / 6) as f64 / 6.0, 1.2]);
+        }
+        scene
+    };
+    let (alone, among) = (build(0), build(35));
+    let alone = run(&alone, &plan(&alone, 0.8, 65_536));
+    let among = run(&among, &TracePlan { seed: 8, ..plan(&among, 0.8, 65_536) });
+    let (a, b) = (&alone.traced[0].echogram, &among.traced[0].echogram);
+    let combined = a.std_error[0].hypot(b.std_error[0]);
+    let difference = level(b, 0) - level(a, 0);
+    println!("{:.4} dB, {:.2} standard errors", db(level(b, 0) / level(a, 0)), difference / combined);
+    assert!(difference.abs() < 4.0 * combined);
+    assert!(combined / level(a, 0) < 0.01, "the comparison is sharp enough to mean something");
+}
+
+#[test]
 fn the_number_of_threads_changes_no_bit() {
     let mut scene = shoebox([5.0, 4.0, 3.0], &[0.2, 0.4], &[0.2, 0.4]);
     add_source(&mut scene, [1.0, 1.0, 1.0]);
@@ -308,7 +331,6 @@ fn the_specular_echogram_equals_its_image_sources_bin_by_bin() {
 }
 
 #[test]
-#[ignore = "some 30 s: its numbers are in docs/verification.md"]
 fn the_specular_echogram_of_five_million_images_is_right_bin_by_bin() {
     compare_specular_echogram(1.45, 524_288, 5_000_000);
 }

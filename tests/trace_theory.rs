@@ -320,7 +320,6 @@ fn a_closing_door_takes_the_next_room_down_by_the_transmission_of_its_opening() 
 }
 
 #[test]
-#[ignore = "13 s: its numbers are in docs/verification.md"]
 fn a_live_pair_of_rooms_converges_ten_thousand_reflections_deep() {
     // 80 s of sound, 10 000 reflections; a ray crosses the door some hundred times.
     let mut scene = pair(2, [0.01, 0.01], ([1.5, 2.4], [0.0, 2.0]), 0.0);

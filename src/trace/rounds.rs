@@ -221,7 +221,7 @@ fn next_round<const N: usize>(parts: &[Part<N>], needs: &[f64], left: u64) -> Ve
             if factor <= 1.0 {
                 return 0;
             }
-            let more = (1.1 * factor - 1.0).clamp(0.25, 3.0);
+            let more = (1.2 * factor - 1.0).clamp(0.25, 3.0);
             ((part.chunks as f64 * more).ceil() as u64).max(1)
         })
         .collect();

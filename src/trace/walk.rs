@@ -36,6 +36,9 @@ const HEADROOM: f32 = 2.0;
 /// Most copies that a ray whose weight has grown in a crossing is split into at once.
 const MOST_COPIES: f32 = 64.0;
 
+/// Hits after which a ray books what it has lost: single precision would not add more than that.
+const SETTLED_HITS: u32 = 256;
+
 /// Hits after which a ray that makes no headway (wedged between two surfaces) is ended.
 const MAX_HITS: u32 = 200_000;
 
@@ -82,8 +85,7 @@ pub(super) fn trace_ray<S: Scattering, const N: usize>(
     while let Some(ray) = walk.pending.pop() {
         walk.follow(ray);
     }
-    walk.tally.accounts.book(Account::Absorbed, &walk.absorbed);
-    walk.tally.accounts.book(Account::Air, &walk.air);
+    walk.settle();
     walk.tally.end_ray();
 }
 
@@ -96,7 +98,7 @@ struct Walk<'w, 's, S, const N: usize> {
     tally: &'w mut Tally<N>,
     /// Rays split off so far.
     split: u32,
-    /// What surfaces and air have taken from this history, booked at its end.
+    /// What surfaces and air have taken from this history and is not yet booked.
     absorbed: Lanes<N>,
     air: Lanes<N>,
 }
@@ -129,6 +131,9 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
             ray.length_m += hit.t;
             ray.hits += 1;
             self.tally.hits += 1;
+            if ray.hits.is_multiple_of(SETTLED_HITS) {
+                self.settle();
+            }
             match hit.element {
                 Element::Surface(surface) => self.reflect(&mut ray, surface, hit),
                 Element::Portal(portal) => {
@@ -137,6 +142,12 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
                 }
             }
         }
+    }
+
+    /// Books what surfaces and air have taken.
+    fn settle(&mut self) {
+        self.tally.accounts.book(Account::Absorbed, &std::mem::replace(&mut self.absorbed, [0.0; N]));
+        self.tally.accounts.book(Account::Air, &std::mem::replace(&mut self.air, [0.0; N]));
     }
 
     /// A hit on an opening: a share passes, the rest is reflected. In a capture region the opening's own area counts like
@@ -305,10 +316,16 @@ impl<S: Scattering, const N: usize> Walk<'_, '_, S, N> {
                 if !self.tally.in_time((ray.length_m + r) / stage.speed_m_s) {
                     continue;
                 }
+                let factor = height / (r * r2);
+                // Where there are many probes weak rain falls only now and then.
+                let kept = (factor * stage.rain_m2).min(1.0);
+                if kept < 1.0 && self.stream.uniform() >= kept {
+                    continue;
+                }
                 if stage.geometry.blocked(hit.point, stage.receivers[probe].position, skip, Skip::NONE) {
                     continue;
                 }
-                let factor = (height / (r * r2)) as f32;
+                let factor = (factor / kept) as f32;
                 let mut rain = incoming.map(|w| w * factor);
                 multiply(&mut rain, &material.rain);
                 self.receive(probe, ray.length_m, r, rain);
