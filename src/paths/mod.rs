@@ -3,6 +3,7 @@
 mod beam;
 mod bend;
 mod beside;
+mod bodies;
 mod chain;
 mod edge;
 mod flanked;
@@ -95,6 +96,11 @@ impl<'a> Prepared<'a> {
 
     /// All deterministic paths, one list for every (source, probe), sources slowest.
     pub fn find(&self) -> Vec<Early> {
+        bodies::weighted(self, self.find_all())
+    }
+
+    /// The same with every body as if it were large.
+    fn find_all(&self) -> Vec<Early> {
         let &Self { scene, geometry, order, .. } = self;
         let reaches = edge_reach(scene, geometry);
         // Images by position make trees of chains superfluous.

@@ -20,7 +20,7 @@ const RINGING_S: f64 = 0.5;
 /// Half width of a filter's flank in Hz, where that lies within [`FLANK_SHARES`]: rings for some 20 ms.
 const FLANK_HZ: f64 = 25.0;
 /// Narrowest and widest half width of a flank, as shares of the band's width in octaves.
-const FLANK_SHARES: [f64; 2] = [1.0 / 192.0, 1.0 / 6.0];
+const FLANK_SHARES: [f64; 2] = [1.0 / 48.0, 1.0 / 6.0];
 /// Modulation frequencies of the speech transmission index in Hz (IEC 60268-16:2011, 4.2).
 const MODULATION_HZ: [f64; 14] = [0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0, 10.0, 12.5];
 /// Weights of the octaves 125 Hz to 8 kHz for male speech, and of neighbours' redundancy (IEC 60268-16:2011, table A.1).

@@ -19,7 +19,7 @@ use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 /// Half width of the cross-fade between two bands, as a share of the narrower one's width in octaves.
 ///
 /// Narrow, so that a band keeps its own decay up to its edges; filters come before envelopes and ring unheard.
-const CROSSFADE_SHARE: f64 = 1.0 / 192.0;
+const CROSSFADE_SHARE: f64 = 1.0 / 48.0;
 /// Places at which a band's noise is tried against the early sound.
 const ROTATIONS: usize = 32;
 
