@@ -77,7 +77,7 @@ fn decay_times_of_a_response_are_those_of_its_echogram() {
                 let (Some(t_e), Some(t_r)) = (e.t30.seconds, r.t30.seconds) else { continue };
                 let share = t_r / t_e - 1.0;
                 println!("{name} {} {} Hz: {t_e:.3} s, {:+.1} %", reception.probe, e.band_hz, 100.0 * share);
-                if e.t30.reliable && r.t30.reliable && e.band_hz >= 500.0 {
+                if e.t30.reliable && r.t30.reliable && e.band_hz >= 250.0 {
                     compared += 1;
                     assert!(share.abs() <= 0.02, "{name} {} {} Hz: {t_r} s, not {t_e} s", reception.probe, e.band_hz);
                 }

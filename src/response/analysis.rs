@@ -151,8 +151,14 @@ impl Measured {
     }
 }
 
+/// Lowest and highest frequency in Hz that the analysis filter of `band` can pass.
+pub(super) fn reach_hz(band: &Band) -> [f64; 2] {
+    let flank = (band.high_hz / band.low_hz).powf(FLANK_SHARES[1]);
+    [band.low_hz / flank, band.high_hz * flank]
+}
+
 /// |F|^2 at `hz` of the analysis filter of `band`: 1 inside, 0 outside, half a sine period across each flank.
-fn pass(band: &Band, hz: f64) -> f64 {
+pub(super) fn pass(band: &Band, hz: f64) -> f64 {
     let width = (band.high_hz / band.low_hz).ln();
     let rise = |inside: f64, edge_hz: f64| {
         let half = (FLANK_HZ / edge_hz).clamp(FLANK_SHARES[0] * width, FLANK_SHARES[1] * width);

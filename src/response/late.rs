@@ -13,6 +13,7 @@ use sha2::{Digest, Sha256};
 use crate::probe::Reception;
 use crate::scene::Band;
 
+use super::balance::{Layer, balance, sum};
 use super::energy::EnergyCurve;
 use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 
@@ -56,9 +57,9 @@ pub(super) fn noise(
     let end_s = length as f64 / sample_rate_hz - shift_s;
     let energy: Vec<f64> =
         curves.iter().map(|c| (c.remaining_in_bins(0.0) - c.remaining_in_bins(end_s)).max(0.0)).collect();
-    let mut sum = vec![0.0; length];
+    let mut layers: Vec<Layer> = Vec::new();
     if energy.iter().all(|e| *e <= 0.0) {
-        return sum;
+        return vec![0.0; length];
     }
     let silent: Vec<bool> = energy.iter().map(|e| *e <= 0.0).collect();
     let ln = ln_magnitude(bands, &energy);
@@ -105,11 +106,10 @@ pub(super) fn noise(
         }
         // The envelope's squares sum to 1, so the expected energy is the mean power of the filtered noise.
         let scale = if realised > 0.0 { (power / grid as f64 / realised).sqrt() } else { 0.0 };
-        for (sum, s) in sum.iter_mut().zip(&samples) {
-            *sum += scale * s;
-        }
+        layers.push(Layer { band: b, samples: samples[..length].iter().map(|s| scale * s).collect() });
     }
-    sum
+    balance(&mut layers, (curves, bands), axis, early, planner);
+    sum(&layers, length)
 }
 
 /// Gives noise the same mean power everywhere, over `window` samples: filtered noise swells and fades, and a decay curve
@@ -121,13 +121,10 @@ fn level(samples: &mut [f64], window: f64) {
     for _ in 0..2 {
         let n = power.len();
         let width = (2 * half + 1).min(n);
-        let mut sum: f64 = (0..width).map(|i| power[(n - half % n + i) % n]).sum();
-        let mut smooth = Vec::with_capacity(n);
-        for i in 0..n {
-            smooth.push(sum / width as f64);
-            sum += power[(i + half + 1) % n] - power[(n + i - half % n) % n];
-        }
-        power = smooth;
+        let mut window = power.iter().cycle().skip(n - half % n);
+        let mut sum: f64 = window.by_ref().take(width).sum();
+        let leaving = power.iter().cycle().skip(n - half % n);
+        power = leaving.zip(window).take(n).map(|(out, into)| (sum, sum += into - out).0 / width as f64).collect();
     }
     let mean = power.iter().sum::<f64>() / power.len() as f64;
     for (s, p) in samples.iter_mut().zip(&power) {

@@ -18,6 +18,7 @@
 
 mod analysis;
 mod auralise;
+mod balance;
 mod directional;
 mod energy;
 mod gain;
