@@ -38,6 +38,7 @@ fn reception(bands: &[Band]) -> Reception {
                 delay_s: r / 343.0,
                 intensity,
                 error,
+                course: Vec::new(),
             }
         })
         .collect();

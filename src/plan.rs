@@ -87,8 +87,6 @@ pub struct TracePart {
     pub length_s: f64,
     /// Echogram bin width in s.
     pub bin_s: f64,
-    /// Whether decay times are asked for, not levels alone.
-    pub decays: bool,
     /// Reverberation time (Eyring) in s of the slowest band that the length follows from, if the room is closed.
     pub reverberation_s: Option<f64>,
 }
@@ -100,6 +98,8 @@ pub struct Plan {
     pub transport: Transport,
     /// Whether the deterministic paths of a source add as pressures.
     pub adds_pressures: bool,
+    /// Whether impulse responses follow: decay times count, not levels alone, and the course of paths within the bands.
+    pub responses: bool,
     /// Specular reflections on deterministic paths (at most what was asked for).
     pub reflection_order: usize,
     /// Image sources to be tried per source and probe.
@@ -159,6 +159,7 @@ impl Plan {
         Self {
             transport: scene.simulation.transport,
             adds_pressures: scene.adds_pressures(),
+            responses: true,
             reflection_order,
             images,
             portals: portal_plans(scene),
@@ -382,7 +383,7 @@ fn trace_part(
         None => 4.0 * farthest(scene) / scene.air.speed_of_sound_m_s + 0.2,
     });
     let length_s = length.clamp(LENGTH_S[0], LENGTH_S[1]);
-    (Some(TracePart { why, length_s, bin_s: BIN_S, decays: true, reverberation_s }), None)
+    (Some(TracePart { why, length_s, bin_s: BIN_S, reverberation_s }), None)
 }
 
 /// Longest Eyring reverberation time in s of any band, and volume in m^3, of each source's and probe's room if it is closed.

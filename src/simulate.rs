@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::error::{Result, Warning};
 use crate::geometry::Geometry;
-use crate::paths::{Early, Prepared};
+use crate::paths::{Early, Prepared, add_courses};
 use crate::plan::Plan;
 use crate::probe::{BandLevel, Echogram, Reception};
 use crate::scene::Scene;
@@ -45,6 +45,11 @@ pub fn run(
     let prepared = Prepared::new(scene, geometry, plan.reflection_order);
     let preparing_s = start.elapsed().as_secs_f64();
     let mut outcome = run_prepared(scene, geometry, plan, &prepared, progress)?;
+    if plan.responses {
+        let courses = Instant::now();
+        add_courses(scene, geometry, plan.reflection_order, &mut outcome.receptions);
+        outcome.times_s.push(("courses".to_owned(), courses.elapsed().as_secs_f64()));
+    }
     if let Some((_, paths_s)) = outcome.times_s.first_mut() {
         *paths_s += preparing_s;
     }
@@ -85,7 +90,7 @@ pub fn run_prepared(
                 reflection_order: plan.reflection_order,
                 portal_order: usize::from(scene.simulation.diffraction_order > 0),
                 bin_s: part.bin_s,
-                decays: part.decays,
+                decays: plan.responses,
                 early: early_sums(scene, &early),
                 ..TracePlan::new(scene, part.length_s)
             };

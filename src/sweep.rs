@@ -21,7 +21,7 @@ pub struct SweepPoint {
 }
 
 /// Runs `room` for every value of `parameter` (path of a number in the room file, as `opening.door.open_m`), on top of
-/// `overrides`; for levels, and with `decays` for echograms whose decay times are as good as those of a single run. Scenes without traced rays run side by side, others one after the other on all threads: the results do not
+/// `overrides`; for levels, and with `responses` also for impulse responses. Scenes without traced rays run side by side, others one after the other on all threads: the results do not
 /// depend on it. `done` is called after each value with the number of values finished, `progress` while rays are traced.
 ///
 /// # Errors
@@ -31,7 +31,7 @@ pub fn run(
     overrides: &[Override],
     parameter: &str,
     values: &[f64],
-    decays: bool,
+    responses: bool,
     done: &(dyn Fn(usize) + Sync),
     progress: &(dyn Fn(trace::Progress) + Sync),
 ) -> Result<Vec<SweepPoint>> {
@@ -40,9 +40,7 @@ pub fn run(
         let scene = room.scene_at(overrides, parameter, value)?;
         let geometry = Geometry::new(&scene)?;
         let mut plan = Plan::new(&scene, &geometry);
-        if let Some(part) = &mut plan.traced {
-            part.decays = decays;
-        }
+        plan.responses = responses;
         Ok((value, scene, geometry, plan))
     };
     let point = |(value, scene, geometry, plan): (f64, _, _, Plan)| {

@@ -60,6 +60,7 @@ fn level(band_hz: f64, db: f64, std_error_db: f64, early_share: f64) -> BandLeve
 fn reception(source: &str, probe: &str, std_error_db: f64, db: impl Fn(usize) -> f64) -> Reception {
     let levels: Vec<BandLevel> = OCTAVES.iter().enumerate().map(|(b, &f)| level(f, db(b), std_error_db, 0.3)).collect();
     let path = |label: &str, reflections: usize, share: f64| EarlyPath {
+        course: Vec::new(),
         from: glam::DVec3::X,
         label: label.into(),
         reflections,

@@ -13,7 +13,15 @@ const OPTIONS: RenderOptions =
 
 fn path(delay_s: f64, intensity: Vec<f64>) -> EarlyPath {
     let error = vec![0.0; intensity.len()];
-    EarlyPath { label: "path".into(), reflections: 0, from: glam::DVec3::X, delay_s, intensity, error }
+    EarlyPath {
+        label: "path".into(),
+        reflections: 0,
+        from: glam::DVec3::X,
+        delay_s,
+        intensity,
+        error,
+        course: Vec::new(),
+    }
 }
 
 fn reception(bands: &[Band], paths: Vec<EarlyPath>, echogram: Option<Echogram>) -> Reception {

@@ -20,6 +20,7 @@ fn reception(paths: &[(f64, f64, DVec3)], late: f64, t60_s: f64) -> Reception {
     let paths: Vec<EarlyPath> = paths
         .iter()
         .map(|&(delay_s, energy, from)| EarlyPath {
+            course: Vec::new(),
             label: "path".into(),
             reflections: 0,
             from,

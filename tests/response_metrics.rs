@@ -28,6 +28,7 @@ fn reception(bands: &[Band], direct: Option<(f64, f64)>, energy: Vec<Vec<f64>>) 
     let paths: Vec<EarlyPath> = direct
         .iter()
         .map(|(delay_s, e)| EarlyPath {
+            course: Vec::new(),
             label: "direct".into(),
             reflections: 0,
             from: glam::DVec3::X,

@@ -179,10 +179,9 @@ fn a_shoebox_to_order_20_decays_as_its_image_sources() {
         let worst =
             found.iter().zip(&exact).filter(|(_, e)| **e > -40.0).map(|(f, e)| (f - e).abs()).fold(0.0, f64::max);
         println!("interference {interference}: decay curves within {worst:.3} dB to -40 dB");
-        // What the gain does to bands' weights: found 0.225 dB where pressures add, so that band levels are those of the image
-        // sources but for what filters measure; 0.312 dB where energies do.
-        let bound = if interference { 0.3 } else { 0.35 };
-        assert!(worst <= bound, "interference {interference}: {worst} dB");
+        // What the gain does to bands' weights: found 0.186 dB where pressures add, so that band levels are those of the image
+        // sources but for what filters measure; 0.274 dB where energies do.
+        assert!(worst <= 0.3, "interference {interference}: {worst} dB");
     }
 }
 
@@ -205,6 +204,32 @@ fn sound_behind_a_half_plane_has_the_exact_octave_spectrum() {
         // 0.2 dB: what a filter's skirts see of a spectrum that falls by 3 dB an octave, and the gain that evens it out.
         assert!(error.abs() <= 0.2, "{} Hz: {error} dB", band.nominal_hz);
     }
+}
+
+#[test]
+fn paths_that_bend_have_their_course_within_the_bands() {
+    // The comb of a door's two jambs: one path a probe, so that thirds of an octave show it.
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("rooms/sliding-door.toml");
+    let load = |spacing: &str| {
+        Scene::load(&room, &[Override::parse(&format!("bands.spacing=\"{spacing}\"")).unwrap()]).unwrap().scene
+    };
+    let (octaves, thirds) = (load("octave"), load("third-octave"));
+    let (mut compared, mut steepest) = (0, 0.0_f64);
+    for (coarse, fine) in receptions(&octaves).iter().zip(&receptions(&thirds)) {
+        let means = band_means(&samples(coarse, &octaves, &OPTIONS), RATE, &thirds.bands);
+        for (third, mean) in means.iter().enumerate() {
+            let level = &fine.levels[third];
+            let error = 10.0 * (mean / level.intensity).log10();
+            let held =
+                10.0 * (coarse.levels[(third / 3).min(octaves.bands.len() - 1)].intensity / level.intensity).log10();
+            steepest = steepest.max(held.abs());
+            compared += 1;
+            // Found 0.06 dB; sixths of an octave are drawn as a polygon through their means.
+            assert!(error.abs() <= 0.1, "{} {} Hz: {error:.2} dB", coarse.probe, level.band_hz);
+        }
+    }
+    // And octaves alone do not tell it.
+    assert!(compared >= 90 && steepest > 2.0, "{compared} {steepest}");
 }
 
 /// Delay in samples at which `samples` about `near` correlate best with a band-limited impulse.

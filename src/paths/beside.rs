@@ -226,6 +226,7 @@ impl Beside {
                     planes: self.planes.clone(),
                     bent: true,
                     path: EarlyPath {
+                        course: Vec::new(),
                         label: format!("{} at {}", names.join(", "), gap.name),
                         reflections: self.planes.len(),
                         from: self.from,

@@ -316,6 +316,7 @@ impl Over<'_> {
         passed.extend(planes(&probe.images[p]).into_iter().rev());
         let error = intensity.iter().map(|i| ACCURACY * i).collect();
         let path = EarlyPath {
+            course: Vec::new(),
             label: self.label(&two.edges),
             reflections: passed.len(),
             from: probe.heard_from(geometry, p, apexes[1]),

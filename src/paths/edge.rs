@@ -147,6 +147,7 @@ pub(super) fn add<'a>(pair: &Pair<'a>, paths: &mut Vec<Specular>, waves: &mut Ve
                 let planes = from.planes.iter().chain(to.planes.iter().rev()).copied().collect();
                 let error = intensity.iter().map(|i| 1e-5 * i).collect();
                 let path = EarlyPath {
+                    course: Vec::new(),
                     label: label(geometry, from, bend.edge, to),
                     reflections,
                     from: probe.heard_from(geometry, p, bend.apex),

@@ -569,6 +569,7 @@ pub(super) fn replace<'a>(
             }
             let error = intensity.iter().map(|i| ACCURACY * i).collect();
             let path = EarlyPath {
+                course: Vec::new(),
                 label: label(s, p),
                 reflections: from.planes.len() + to.planes.len(),
                 from: flanked.heard_from(),

@@ -182,6 +182,7 @@ impl Gap {
                     rays.map(|rays| self.as_pressure(rays, (&intensity, &factors), &from.origin, pair, length)),
                 );
                 let path = EarlyPath {
+                    course: Vec::new(),
                     label: self.label(geometry, source, s, probe, p),
                     reflections: from.planes.len() + to.planes.len(),
                     from: probe.heard_from(geometry, p, self.midpoint(&crossing, mask, receiver.y)),

@@ -5,6 +5,7 @@ mod bend;
 mod beside;
 mod bodies;
 mod chain;
+mod course;
 mod edge;
 mod flanked;
 mod gap;
@@ -28,6 +29,7 @@ use images::Loss;
 use smooth::Nodes;
 use wave::{Adding, Sound, Wave};
 
+pub use course::add_courses;
 pub use gap::Gap;
 pub use images::{ImageTree, Origin};
 pub use reach::{EdgeReach, MOST_EDGES, edge_reach};
@@ -249,6 +251,7 @@ fn specular<'a>(
                 reflections: planes.len(),
                 delay_s: length_m / scene.air.speed_of_sound_m_s,
                 error: vec![0.0; intensity.len()],
+                course: Vec::new(),
                 intensity,
             },
             planes,

@@ -223,7 +223,10 @@ impl Rectangles {
             let intensity = std::mem::take(intensity);
             let key = (way.from.image, way.to.image);
             let from = probe.heard_from(geometry, way.to.image, gap.frame.point(way.over.x, way.over.y));
-            paths.push((key, EarlyPath { label, reflections: way.reflections, delay_s, from, intensity, error }));
+            paths.push((
+                key,
+                EarlyPath { label, reflections: way.reflections, delay_s, from, intensity, error, course: Vec::new() },
+            ));
         }
         paths
     }

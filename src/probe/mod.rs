@@ -20,6 +20,9 @@ pub struct EarlyPath {
     pub intensity: Vec<f64>,
     /// Numerical error of `intensity` (quadrature), one a band, same unit.
     pub error: Vec<f64>,
+    /// The course within the bands: intensity in equal parts of every band ([`crate::scene::Band::parts`]), as many a band; the white
+    /// mean over those of a band is its `intensity`. Empty where nobody has asked, or the path is none of the strongest.
+    pub course: Vec<f64>,
 }
 
 /// Energy of the traced rays over time: relative intensity summed per bin.

@@ -16,10 +16,10 @@ use crate::scene::Band;
 /// Remaining error of a band's white mean at which the iteration stops, in dB.
 const GOAL_DB: f64 = 0.01;
 /// The same for a band as filters measure it.
-const FILTER_GOAL_DB: f64 = 0.12;
+const FILTER_GOAL_DB: f64 = 0.17;
 /// Error of a filtered mean that the fit leaves alone. White mean and filtered mean of a spectrum with structure differ, and forcing
 /// them together bends the spectrum at the band's edges, and with it the decay.
-const TOLERATED_DB: f64 = 0.06;
+const TOLERATED_DB: f64 = 0.13;
 /// Natural logarithm of an energy ratio of 1 dB.
 const NEPERS_PER_DB: f64 = std::f64::consts::LN_10 / 10.0;
 /// Orders of the Butterworth band-passes: class 1 is met from 3 on (4 near half the sample rate).

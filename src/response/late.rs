@@ -115,16 +115,19 @@ pub(super) fn noise(
 /// Gives noise the same mean power everywhere, over `window` samples: filtered noise swells and fades, and a decay curve
 /// would carry that.
 fn level(samples: &mut [f64], window: f64) {
-    let half = (0.5 * window).round().max(1.0) as usize;
     let mut power: Vec<f64> = samples.iter().map(|s| s * s).collect();
+    let half = ((0.5 * window).round().max(1.0) as usize).min((power.len() - 1) / 2);
     // Two running means in a row, a triangle; the noise is periodic.
     for _ in 0..2 {
-        let n = power.len();
-        let width = (2 * half + 1).min(n);
-        let mut window = power.iter().cycle().skip(n - half % n);
-        let mut sum: f64 = window.by_ref().take(width).sum();
-        let leaving = power.iter().cycle().skip(n - half % n);
-        power = leaving.zip(window).take(n).map(|(out, into)| (sum, sum += into - out).0 / width as f64).collect();
+        let (end, begin) = (&power[power.len() - half..], &power[..half]);
+        let mut sum = 0.0;
+        let sums: Vec<f64> = std::iter::once(0.0)
+            .chain(end.iter().chain(&power).chain(begin).map(|p| {
+                sum += p;
+                sum
+            }))
+            .collect();
+        power = sums.iter().zip(&sums[2 * half + 1..]).map(|(from, to)| (to - from) / (2 * half + 1) as f64).collect();
     }
     let mean = power.iter().sum::<f64>() / power.len() as f64;
     for (s, p) in samples.iter_mut().zip(&power) {

@@ -7,8 +7,8 @@
 //!
 //! # Construction
 //! 1. Early paths: one pulse each, at its exact delay (the fraction of a sample as a phase in the frequency domain). The magnitude is a polygon
-//!    in ln |H| over ln f whose white band means are the path's intensities; below the lowest and above
-//!    the highest band centre the value there is held, to 0 Hz and to half the sample rate. The phase is the minimum phase
+//!    in ln |H| over ln f whose white band means are the path's intensities, or those in parts of the bands where its course is
+//!    known; below the lowest and above the highest band centre the value there is held, to 0 Hz and to half the sample rate. The phase is the minimum phase
 //!    (nothing before the arrival but the band limit's own ripple), reduced where the peak would otherwise be more than one
 //!    sample late. Equal intensities in all bands give a pure delayed impulse.
 //! 2. Late part: noise shaped by the echogram band by band; see the `late` module. It starts with the echogram, is held an
@@ -237,7 +237,7 @@ pub fn render(
     if target.iter().any(|t| *t > 0.0) {
         let mut planner = RealFftPlanner::new();
         let mut shaper = Shaper::new(bands, rate, &mut planner);
-        add_paths(reception, &target, &mut shaper, shift_s, &mut channels);
+        add_paths(reception, &target, &mut shaper, shift_s, &mut channels, &mut planner);
         if curves.iter().any(|c| c.remaining_in_bins(0.0) > 0.0) {
             match_early(reception, &mut channels, (end_s, shift_s), &mut shaper, &mut planner);
         }
@@ -287,9 +287,20 @@ fn centre(band: &Band) -> f64 {
 }
 
 /// Adds one pulse a path. Bands that are silent altogether (`target` 0) are left to the gain at the end.
-fn add_paths(reception: &Reception, target: &[f64], shaper: &mut Shaper<'_>, shift_s: f64, channels: &mut [Vec<f64>]) {
+fn add_paths(
+    reception: &Reception,
+    target: &[f64],
+    shaper: &mut Shaper<'_>,
+    shift_s: f64,
+    channels: &mut [Vec<f64>],
+    planner: &mut RealFftPlanner<f64>,
+) {
     let length = channels[0].len();
     let bands = shaper.bands();
+    // Parts of a band whose intensities are known.
+    let parts = reception.paths.iter().map(|path| path.course.len() / path.intensity.len()).max().unwrap_or(0);
+    let fine_bands: Vec<Band> = bands.iter().flat_map(|band| band.parts(parts)).collect();
+    let mut fine = (parts > 0).then(|| Shaper::new(&fine_bands, shaper.sample_rate_hz(), planner));
     for path in &reception.paths {
         let intensity = &path.intensity[..bands.len()];
         let arrival = (path.delay_s + shift_s) * shaper.sample_rate_hz();
@@ -297,19 +308,25 @@ fn add_paths(reception: &Reception, target: &[f64], shaper: &mut Shaper<'_>, shi
             continue;
         }
         let weights = directional::harmonics(channels.len().isqrt() - 1, path.from);
-        let silent: Vec<bool> = intensity.iter().zip(target).map(|(e, t)| *e <= 0.0 && *t > 0.0).collect();
         // Delays are sums of rounded lengths: a billionth of a sample is no delay.
         let whole = (arrival + 1e-9).floor();
         let fraction = (arrival - whole).max(0.0);
         let whole = whole as usize; // at least 0 (shifted), below samples.len()
-        if flat(intensity) && fraction < 1e-9 {
+        if flat(intensity) && flat(&path.course) && fraction < 1e-9 {
             for (samples, weight) in channels.iter_mut().zip(&weights) {
                 samples[whole] += weight * intensity[0].sqrt();
             }
             continue;
         }
-        let ln = ln_magnitude(bands, intensity);
-        let pulse = shaper.pulse(&ln, &silent, fraction);
+        let silent = intensity.iter().zip(target).map(|(e, t)| *e <= 0.0 && *t > 0.0);
+        let pulse = match &mut fine {
+            Some(fine) if !path.course.is_empty() => {
+                let silent: Vec<bool> = silent.flat_map(|s| std::iter::repeat_n(s, parts)).collect();
+                let ln = ln_magnitude(fine.bands(), &path.course[..silent.len()]);
+                fine.pulse(&ln, &silent, fraction)
+            }
+            _ => shaper.pulse(&ln_magnitude(bands, intensity), &silent.collect::<Vec<bool>>(), fraction),
+        };
         let half = pulse.len() / 2;
         for (samples, weight) in channels.iter_mut().zip(&weights) {
             for (n, p) in pulse[..half].iter().enumerate().take(length - whole) {
@@ -369,6 +386,8 @@ fn check(reception: &Reception, bands: &[Band]) -> std::result::Result<(), Warni
         && reception.levels.iter().all(|l| l.intensity.is_finite())
         && reception.paths.iter().all(|p| {
             p.intensity.len() == bands.len()
+                && p.course.len().is_multiple_of(bands.len())
+                && p.course.iter().all(|e| e.is_finite() && *e >= 0.0)
                 && p.delay_s.is_finite()
                 && p.intensity.iter().all(|e| e.is_finite() && *e >= 0.0)
         })

@@ -47,6 +47,13 @@ impl Band {
     pub fn is_tone(&self) -> bool {
         self.low_hz == self.high_hz
     }
+
+    /// `count` bands of the same width in octaves that make up this one, each named by its geometric centre.
+    pub fn parts(&self, count: usize) -> impl Iterator<Item = Self> + use<> {
+        let Self { low_hz, high_hz, .. } = *self;
+        let at = move |i: usize| low_hz * (high_hz / low_hz).powf(i as f64 / count as f64);
+        (0..count).map(move |i| Self { nominal_hz: (at(i) * at(i + 1)).sqrt(), low_hz: at(i), high_hz: at(i + 1) })
+    }
 }
 
 /// How the bands were asked for.
@@ -484,6 +491,30 @@ impl Scene {
             [low, high] if low == f64::NEG_INFINITY && high.is_finite() && opening.leaf.is_none() => Some((high, 1.0)),
             _ => None,
         }
+    }
+
+    /// The same scene with every band divided into `count` (see [`Band::parts`]), whose air absorbs as it does at their own centres.
+    pub fn divided(&self, count: usize) -> Self {
+        let mut scene = self.clone();
+        let each = |values: &[f64]| values.iter().flat_map(|v| std::iter::repeat_n(*v, count)).collect::<Vec<f64>>();
+        scene.bands = self.bands.iter().flat_map(|band| band.parts(count)).collect();
+        for material in &mut scene.materials {
+            material.absorption = each(&material.absorption);
+            material.scattering = each(&material.scattering);
+            material.transmission = material.transmission.as_deref().map(each);
+        }
+        for source in &mut scene.sources {
+            source.power_db = source.power_db.as_deref().map(each);
+        }
+        let Air { temperature_c, relative_humidity_percent, pressure_kpa, .. } = self.air;
+        if self.air.absorption {
+            let at = |hz| attenuation_db_per_m(hz, temperature_c, relative_humidity_percent, pressure_kpa);
+            scene.air.attenuation_per_m =
+                scene.bands.iter().map(|band| intensity_attenuation_per_m(at(band.nominal_hz))).collect();
+        } else {
+            scene.air.attenuation_per_m = each(&self.air.attenuation_per_m);
+        }
+        scene
     }
 
     /// Whether the deterministic paths of a source add as pressures.
