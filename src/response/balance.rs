@@ -15,13 +15,15 @@ use super::late::{TimeAxis, smooth_length};
 use crate::scene::Band;
 
 /// Length of the first window in periods of the band's width.
-const FIRST_PERIODS: f64 = 4.0;
+const FIRST_PERIODS: f64 = 3.0;
 /// Growth of the windows with the time since the first bin.
 const GROWTH: f64 = 1.0 / 12.0;
 /// Silence in s after the response, in which filters ring.
 const RINGING_S: f64 = 0.1;
 /// Least and greatest factor.
-const LIMITS: [f64; 2] = [0.5, 2.0];
+const LIMITS: [f64; 2] = [0.25, 2.0];
+/// Least and greatest share of the noise that is added to make up for the last gain.
+const SHARES: [f64; 2] = [-0.5, 0.5];
 /// Rounds: what one band's factor does to its neighbours is left to the second.
 const ROUNDS: usize = 2;
 
@@ -40,16 +42,9 @@ pub(super) fn balance(
     early: &[f64],
     planner: &mut RealFftPlanner<f64>,
 ) {
-    let grid = smooth_length(axis.length + (RINGING_S * axis.sample_rate_hz) as usize);
-    let forward = planner.plan_fft_forward(grid);
-    let spectrum_of = |mut time: Vec<f64>| {
-        time.resize(grid, 0.0);
-        let mut spectrum = forward.make_output_vec();
-        // Buffers have the plan's own lengths, the only thing the transforms can object to.
-        let done = forward.process(&mut time, &mut spectrum);
-        debug_assert!(done.is_ok());
-        spectrum
-    };
+    let transform = Transform::new(axis, planner);
+    let spectrum_of = |time| transform.of(time);
+    let grid = transform.grid;
     let beside = spectrum_of(early.to_vec());
     let mut fast = FftPlanner::new();
     let filters: Vec<Option<Filter>> =
@@ -60,10 +55,56 @@ pub(super) fn balance(
         let noise = spectrum_of(sum(layers, axis.length));
         for ((layer, filter), early) in layers.iter_mut().zip(&filters).zip(&sounds) {
             if let Some(filter) = filter {
-                let factors = filter.factors(&curves[layer.band], axis, &filter.envelope(&noise), early);
+                let factors =
+                    filter.factors(&curves[layer.band], axis, &filter.envelope(&noise), (early, None), LIMITS);
                 apply(&mut layer.samples, &factors);
             }
         }
+    }
+}
+
+/// Makes up in `sounds`, the whole response, for what the gain over it has changed of the decays: adds shares of the `layers`.
+pub(super) fn make_up(
+    sounds: &mut [f64],
+    layers: &[Layer],
+    (curves, bands): (&[EnergyCurve], &[Band]),
+    axis: TimeAxis,
+    planner: &mut RealFftPlanner<f64>,
+) {
+    let transform = Transform::new(axis, planner);
+    let (whole, noise) = (transform.of(sounds.to_vec()), transform.of(sum(layers, axis.length)));
+    let mut fast = FftPlanner::new();
+    for layer in layers {
+        let curve = &curves[layer.band];
+        let Some(filter) = Filter::new(&bands[layer.band], axis, transform.grid, &mut fast) else { continue };
+        let (whole, mut missing) = (filter.envelope(&whole), filter.energies(&curve.arrivals, axis));
+        missing.iter_mut().zip(&whole).for_each(|(m, z)| *m -= filter.unit * z.norm_sqr());
+        let shares = filter.factors(curve, axis, &filter.envelope(&noise), (&whole, Some(&missing)), SHARES);
+        let mut added = layer.samples.clone();
+        apply(&mut added, &shares);
+        sounds.iter_mut().zip(&added).for_each(|(s, a)| *s += a);
+    }
+}
+
+/// Spectra of the response with the silence after it.
+struct Transform {
+    forward: std::sync::Arc<dyn realfft::RealToComplex<f64>>,
+    grid: usize,
+}
+
+impl Transform {
+    fn new(axis: TimeAxis, planner: &mut RealFftPlanner<f64>) -> Self {
+        let grid = smooth_length(axis.length + (RINGING_S * axis.sample_rate_hz) as usize);
+        Self { forward: planner.plan_fft_forward(grid), grid }
+    }
+
+    fn of(&self, mut time: Vec<f64>) -> Vec<Complex64> {
+        time.resize(self.grid, 0.0);
+        let mut spectrum = self.forward.make_output_vec();
+        // Buffers have the plan's own lengths, the only thing the transforms can object to.
+        let done = self.forward.process(&mut time, &mut spectrum);
+        debug_assert!(done.is_ok());
+        spectrum
     }
 }
 
@@ -136,13 +177,40 @@ impl Filter {
         values
     }
 
-    /// Factors on the noise at the middles of the windows (in samples).
+    /// Energies of the envelope of `arrivals` (delay, intensity) that do not interfere.
+    fn energies(&self, arrivals: &[(f64, f64)], axis: TimeAxis) -> Vec<f64> {
+        let length = self.inverse.len();
+        let mut kernel: Vec<Complex64> = self.shares.iter().map(|f| Complex64::from(*f)).collect();
+        kernel.resize(length, Complex64::ZERO);
+        self.inverse.process(&mut kernel);
+        // What one arrival of intensity 1 leaves: it adds up to 1.
+        kernel.iter_mut().for_each(|z| *z = Complex64::from(self.unit * z.norm_sqr()));
+        let mut sum = vec![Complex64::ZERO; length];
+        for (delay_s, intensity) in arrivals {
+            let place = (delay_s + axis.shift_s) * axis.sample_rate_hz / self.step;
+            if (0.0..(length - 1) as f64).contains(&place) {
+                let (at, share) = (place as usize, place.fract());
+                sum[at] += (1.0 - share) * intensity;
+                sum[at + 1] += share * intensity;
+            }
+        }
+        // Two transforms forth, conjugated: the third one leads back.
+        self.inverse.process(&mut kernel);
+        self.inverse.process(&mut sum);
+        sum.iter_mut().zip(&kernel).for_each(|(s, k)| *s = (*s * k).conj());
+        self.inverse.process(&mut sum);
+        sum.iter().map(|s| (s.re / length as f64).max(0.0)).collect()
+    }
+
+    /// Factors on the noise at the middles of the windows (in samples), such that beside `beside` it brings the late energy and what
+    /// else is `missing` (a sample of the envelope).
     fn factors(
         &self,
         curve: &EnergyCurve,
         axis: TimeAxis,
         noise: &[Complex64],
-        early: &[Complex64],
+        (beside, missing): (&[Complex64], Option<&[f64]>),
+        limits: [f64; 2],
     ) -> Vec<(f64, f64)> {
         let Some(first) = curve.bins.iter().position(|e| *e > 0.0) else { return Vec::new() };
         let start_s = first as f64 * curve.bin_s;
@@ -159,14 +227,16 @@ impl Filter {
             let to_s = if to_s + 0.5 * self.window_s >= end_s { end_s } else { to_s };
             let window = place(from_s)..place(to_s);
             let (mut own, mut cross) = (0.0, 0.0);
-            for (n, e) in noise[window.clone()].iter().zip(&early[window]) {
+            for (n, e) in noise[window.clone()].iter().zip(&beside[window.clone()]) {
                 own += self.unit * n.norm_sqr();
                 cross += self.unit * (n.re * e.re + n.im * e.im);
             }
             let late = curve.remaining_in_bins(from_s) - curve.remaining_in_bins(to_s);
-            let factor = if own > 0.0 { ((cross * cross + own * late).sqrt() - cross) / own } else { 1.0 };
+            let wanted = late + missing.map_or(0.0, |missing| missing[window].iter().sum());
+            let root = (cross * cross + own * wanted).max(0.0).sqrt();
+            let factor = if own > 0.0 { (root - cross) / own } else { 0.0 };
             let middle = (0.5 * (from_s + to_s) + axis.shift_s) * axis.sample_rate_hz;
-            factors.push((middle, factor.clamp(LIMITS[0], LIMITS[1])));
+            factors.push((middle, factor.clamp(limits[0], limits[1])));
             from_s = to_s;
         }
         factors

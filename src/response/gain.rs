@@ -13,13 +13,11 @@ use super::late::smooth_length;
 use super::spectrum::{Between, SILENT_LN, Shaper, between_hz, fade, minimum_phase};
 use crate::scene::Band;
 
-/// Remaining error of a band's white mean at which the iteration stops, in dB.
-const GOAL_DB: f64 = 0.01;
-/// The same for a band as filters measure it.
-const FILTER_GOAL_DB: f64 = 0.17;
-/// Error of a filtered mean that the fit leaves alone. White mean and filtered mean of a spectrum with structure differ, and forcing
-/// them together bends the spectrum at the band's edges, and with it the decay.
-const TOLERATED_DB: f64 = 0.13;
+/// Remaining error in dB of a band's white mean and of its filtered ones at which the iteration stops.
+const GOALS_DB: [f64; 2] = [0.02, 0.17];
+/// The errors of both that the fit leaves alone. White mean and filtered mean of a spectrum with structure differ, and forcing
+/// them together bends the spectrum within the bands, and with it their decays.
+const TOLERATED_DB: [f64; 2] = [0.0, 0.13];
 /// Natural logarithm of an energy ratio of 1 dB.
 const NEPERS_PER_DB: f64 = std::f64::consts::LN_10 / 10.0;
 /// Orders of the Butterworth band-passes: class 1 is met from 3 on (4 near half the sample rate).
@@ -240,10 +238,10 @@ pub(super) fn match_bands(
         let reached = meter.means(&spectrum);
         worst = Worst::of(&reached, target);
         for (w, m) in wanted.iter_mut().zip(&reached) {
-            // Filtered means are pressed no harder than needed: each press bends the gain further.
+            // Means are pressed no harder than needed: each press bends the gain further.
             let error_db = m.error_db(target);
-            let pressed = m.value() > 0.0 && (!m.filtered || error_db.abs() > FILTER_GOAL_DB);
-            let tolerated_db = if m.filtered { TOLERATED_DB } else { 0.0 };
+            let pressed = m.value() > 0.0 && error_db.abs() > GOALS_DB[usize::from(m.filtered)];
+            let tolerated_db = TOLERATED_DB[usize::from(m.filtered)];
             if let Some(w) = w.as_mut().filter(|_| pressed) {
                 *w -= (error_db - error_db.clamp(-tolerated_db, tolerated_db)) * NEPERS_PER_DB;
             }
@@ -296,7 +294,7 @@ impl Worst {
         for m in sounding().filter(|m| !m.filtered) {
             white_db[m.band] = m.error_db(target);
         }
-        let goal = |m: &Mean| if m.filtered { FILTER_GOAL_DB } else { GOAL_DB };
+        let goal = |m: &Mean| GOALS_DB[usize::from(m.filtered)];
         let errors = sounding().map(|m| m.error_db(target).abs() / goal(m)).filter(|e| e.is_finite());
         Self { score: errors.fold(0.0, f64::max), white_db }
     }
@@ -369,7 +367,7 @@ struct Normal {
 fn normal_equations(means: &[Mean], wanted: &[Option<f64>], places: &[Between], ln_gain: &[f64]) -> Normal {
     let n = ln_gain.len();
     let power: Vec<f64> = places.iter().map(|p| (2.0 * p.of(ln_gain)).exp()).collect();
-    let tolerated = TOLERATED_DB * NEPERS_PER_DB;
+    let tolerated = TOLERATED_DB.map(|db| db * NEPERS_PER_DB);
     let (mut matrix, mut right, mut cost) = (DMatrix::<f64>::zeros(n, n), DVector::<f64>::zeros(n), 0.0);
     for (mean, wanted) in means.iter().zip(wanted) {
         let Some(wanted) = wanted else { continue };
@@ -388,11 +386,10 @@ fn normal_equations(means: &[Mean], wanted: &[Option<f64>], places: &[Between], 
         slope /= value;
         let weight = WEIGHTS[usize::from(mean.filtered)].powi(2);
         let mut missing = wanted - value.ln();
-        if mean.filtered {
-            missing -= missing.clamp(-tolerated, tolerated);
-            if missing == 0.0 {
-                continue;
-            }
+        let tolerated = tolerated[usize::from(mean.filtered)];
+        missing -= missing.clamp(-tolerated, tolerated);
+        if missing == 0.0 {
+            continue;
         }
         matrix.ger(weight, &slope, &slope, 1.0);
         right.axpy(weight * missing, &slope, 1.0);

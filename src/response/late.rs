@@ -1,8 +1,7 @@
 //! The late part: noise with the echogram's energy in every band and bin.
 //!
 //! A sequence of random signs (white, and of exactly equal energy a sample) is divided into bands whose powers add up to its
-//! own; each band is rotated to where it interferes least with the early sound (levels add energies), is given the envelope
-//! of its echogram, and the bands are added. Filtering comes before the envelope, so nothing rings before the first arrival.
+//! own; each band is given the envelope of its echogram and balanced against it (`balance`), and the bands are added. Filtering comes before the envelope, so nothing rings before the first arrival.
 //! Each band also carries the smooth spectrum through the late band energies, so the sum has no steps at the band edges.
 
 use rand_core::{Rng, SeedableRng};
@@ -13,7 +12,7 @@ use sha2::{Digest, Sha256};
 use crate::probe::Reception;
 use crate::scene::Band;
 
-use super::balance::{Layer, balance, sum};
+use super::balance::{Layer, balance};
 use super::energy::EnergyCurve;
 use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 
@@ -21,8 +20,6 @@ use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 ///
 /// Narrow, so that a band keeps its own decay up to its edges; filters come before envelopes and ring unheard.
 const CROSSFADE_SHARE: f64 = 1.0 / 48.0;
-/// Places at which a band's noise is tried against the early sound.
-const ROTATIONS: usize = 32;
 
 /// Width of the groups of bins between which the envelope is interpolated, as a share of the time since the first bin: a decay is
 /// smooth over them, and late bins in which few rays arrived do not stand out.
@@ -52,14 +49,14 @@ pub(super) fn noise(
     early: &[f64],
     (seed, channel): (u64, usize),
     planner: &mut RealFftPlanner<f64>,
-) -> Vec<f64> {
+) -> Vec<Layer> {
     let TimeAxis { sample_rate_hz, length, shift_s } = axis;
     let end_s = length as f64 / sample_rate_hz - shift_s;
     let energy: Vec<f64> =
         curves.iter().map(|c| (c.remaining_in_bins(0.0) - c.remaining_in_bins(end_s)).max(0.0)).collect();
     let mut layers: Vec<Layer> = Vec::new();
     if energy.iter().all(|e| *e <= 0.0) {
-        return vec![0.0; length];
+        return layers;
     }
     let silent: Vec<bool> = energy.iter().map(|e| *e <= 0.0).collect();
     let ln = ln_magnitude(bands, &energy);
@@ -96,9 +93,6 @@ pub(super) fn noise(
         debug_assert!(done.is_ok());
         level(&mut samples, LEVELLED / (bands[b].high_hz - bands[b].low_hz) * sample_rate_hz);
         let envelope = envelope(&curves[b], axis);
-        let heard: Vec<f64> = envelope.iter().zip(early).map(|(e, h)| e * h).collect();
-        let rotation = unheard_rotation(&heard, &samples);
-        samples.rotate_left(rotation);
         let mut realised = 0.0;
         for (s, e) in samples.iter_mut().zip(&envelope) {
             *s *= e;
@@ -109,7 +103,7 @@ pub(super) fn noise(
         layers.push(Layer { band: b, samples: samples[..length].iter().map(|s| scale * s).collect() });
     }
     balance(&mut layers, (curves, bands), axis, early, planner);
-    sum(&layers, length)
+    layers
 }
 
 /// Gives noise the same mean power everywhere, over `window` samples: filtered noise swells and fades, and a decay curve
@@ -133,22 +127,6 @@ fn level(samples: &mut [f64], window: f64) {
     for (s, p) in samples.iter_mut().zip(&power) {
         *s *= (mean / p.max(1e-3 * mean)).sqrt();
     }
-}
-
-/// By how many samples to rotate periodic `noise` so that its product with `heard` (early sound times the noise's envelope) is least:
-/// one of [`ROTATIONS`] evenly spread places.
-fn unheard_rotation(heard: &[f64], noise: &[f64]) -> usize {
-    let Some(first) = heard.iter().position(|h| *h != 0.0) else { return 0 };
-    let last = heard.iter().rposition(|h| *h != 0.0).unwrap_or(first);
-    let product = |rotation: usize| -> f64 {
-        let (before, after) = noise.split_at((rotation + first) % noise.len());
-        let (until_end, wrapped) = heard[first..=last].split_at(after.len().min(last + 1 - first));
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        (dot(until_end, after) + dot(wrapped, before)).abs()
-    };
-    let rotations = (0..ROTATIONS).map(|i| i * noise.len() / ROTATIONS);
-    let tried = rotations.map(|rotation| (rotation, product(rotation)));
-    tried.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(rotation, _)| rotation)
 }
 
 /// Random signs from the seed and the names of source and probe.
@@ -217,7 +195,7 @@ fn grouped(bins: &[f64]) -> Vec<(f64, f64)> {
     groups
 }
 
-/// Amplitude share of band `b` at `hz`; the squares of the shares of all bands sum to 1, as rotated bands add their powers.
+/// Amplitude share of band `b` at `hz`; the squares of the shares of all bands sum to 1, as bands add their powers.
 fn share(bands: &[Band], b: usize, hz: f64) -> f64 {
     let rise = |below: &Band, above: &Band| {
         let (edge, half) = edge(below, above);

@@ -37,6 +37,7 @@ pub use metrics::{DecayTime, Metrics, metrics};
 use crate::error::{Error, Result, Warning};
 use crate::probe::Reception;
 use crate::scene::{Band, ProbeFormat};
+use balance::{make_up, sum};
 use energy::EnergyCurve;
 use spectrum::{Shaper, ln_magnitude};
 
@@ -242,15 +243,23 @@ pub fn render(
             match_early(reception, &mut channels, (end_s, shift_s), &mut shaper, &mut planner);
         }
         let axis = late::TimeAxis { sample_rate_hz: rate, length, shift_s };
+        let mut layers = Vec::new();
         for (c, samples) in channels.iter_mut().enumerate() {
             // Rays do not tell their direction: late sound comes evenly from everywhere, so that the harmonics are
             // independent and have the mean power 1/(2 l + 1).
             let share = 1.0 / ((2 * directional::degree(c) + 1) as f64).sqrt();
             let noise = late::noise(reception, &curves, bands, axis, samples, (options.seed, c), &mut planner);
-            samples.iter_mut().zip(noise).for_each(|(sum, n)| *sum += share * n);
+            samples.iter_mut().zip(sum(&noise, length)).for_each(|(sum, n)| *sum += share * n);
+            if c == 0 {
+                layers = noise;
+            }
         }
         // Band levels are those of the pressure; the other channels go through the same gain.
-        let errors = gain::match_bands(&mut channels, &target, &mut shaper, &mut planner);
+        let mut errors = gain::match_bands(&mut channels, &target, &mut shaper, &mut planner);
+        if !layers.is_empty() {
+            make_up(&mut channels[0], &layers, (&curves, bands), axis, &mut planner);
+            errors = gain::match_bands(&mut channels, &target, &mut shaper, &mut planner);
+        }
         for (band, error) in bands.iter().zip(errors).filter(|(_, e)| e.is_nan() || e.abs() > REPORTED_DB) {
             warnings.push(Warning {
                 observation: format!(
