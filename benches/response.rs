@@ -31,6 +31,10 @@ fn reception(bands: &[Band]) -> Reception {
             let r = 3.0 + 0.41 * f64::from(i) + 0.13 * f64::from(i * i % 11);
             let intensity = spectrum(r);
             let error = vec![0.0; bands.len()];
+            // The strongest paths of a room with a door have their course in sixths of an octave.
+            let parts = if i < 7 { 48 / bands.len() } else { 0 };
+            let comb = |e: &f64| (0..parts).map(|n| e * (1.0 + 0.5 * (-1.0_f64).powi(n as i32))).collect::<Vec<_>>();
+            let course = intensity.iter().flat_map(comb).collect();
             EarlyPath {
                 label: format!("path {i}"),
                 reflections: 1,
@@ -38,7 +42,7 @@ fn reception(bands: &[Band]) -> Reception {
                 delay_s: r / 343.0,
                 intensity,
                 error,
-                course: Vec::new(),
+                course,
             }
         })
         .collect();

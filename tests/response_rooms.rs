@@ -71,20 +71,28 @@ fn decay_times_of_a_response_are_those_of_its_echogram() {
         let mut scene = Scene::load(&rooms.join(format!("{name}.toml")), &[]).unwrap().scene;
         scene.simulation.max_rays = max_rays;
         for reception in receptions(&scene) {
-            let response = render(&reception, &scene.bands, &OPTIONS).unwrap();
             let expected = metrics(&reception, &scene.bands);
-            for (e, r) in expected.iter().zip(response_metrics(&reception, &response, &scene.bands)) {
-                let (Some(t_e), Some(t_r)) = (e.t30.seconds, r.t30.seconds) else { continue };
-                let share = t_r / t_e - 1.0;
-                println!("{name} {} {} Hz: {t_e:.3} s, {:+.1} %", reception.probe, e.band_hz, 100.0 * share);
-                if e.t30.reliable && r.t30.reliable && e.band_hz >= 250.0 {
-                    compared += 1;
-                    assert!(share.abs() <= 0.02, "{name} {} {} Hz: {t_r} s, not {t_e} s", reception.probe, e.band_hz);
+            for seed in 7..13 {
+                let response = render(&reception, &scene.bands, &RenderOptions { seed, ..OPTIONS }).unwrap();
+                for (e, r) in expected.iter().zip(response_metrics(&reception, &response, &scene.bands)) {
+                    let (Some(t_e), Some(t_r)) = (e.t30.seconds, r.t30.seconds) else { continue };
+                    let (share, hz) = (t_r / t_e - 1.0, e.band_hz);
+                    println!("{name} {} {hz} Hz, {seed}: {t_e:.3} s, {:+.1} %", reception.probe, 100.0 * share);
+                    // At 250 Hz some seeds are up to 3.3 % off (docs/verification.md): one of them is held here.
+                    let reliable = e.t30.reliable && r.t30.reliable;
+                    if reliable && hz >= if seed == OPTIONS.seed { 250.0 } else { 500.0 } {
+                        compared += 1;
+                        assert!(
+                            share.abs() <= 0.02,
+                            "{name} {} {hz} Hz, {seed}: {t_r} s, not {t_e} s",
+                            reception.probe
+                        );
+                    }
                 }
             }
         }
     }
-    assert!(compared >= 12, "{compared}");
+    assert!(compared >= 72, "{compared}");
 }
 
 const SHOEBOX: &str = "
@@ -180,7 +188,7 @@ fn a_shoebox_to_order_20_decays_as_its_image_sources() {
             found.iter().zip(&exact).filter(|(_, e)| **e > -40.0).map(|(f, e)| (f - e).abs()).fold(0.0, f64::max);
         println!("interference {interference}: decay curves within {worst:.3} dB to -40 dB");
         // What the gain does to bands' weights: found 0.186 dB where pressures add, so that band levels are those of the image
-        // sources but for what filters measure; 0.274 dB where energies do.
+        // sources but for what filters measure; 0.254 dB where energies do.
         assert!(worst <= 0.3, "interference {interference}: {worst} dB");
     }
 }

@@ -5,6 +5,8 @@
 //! 7 % too long). They keep the limits of IEC 61260-1:2014 class 1: half the power at the edges, and at three quarters of the way
 //! to them less than 0.2 dB lost.
 
+use std::ops::Range;
+
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
 
@@ -119,9 +121,10 @@ impl Measured {
         Self { rate_hz, length, grid, spectrum }
     }
 
-    /// |F|^2 of a band's filter at bin `k`.
-    fn filter(&self, band: &Band, k: usize) -> f64 {
-        pass(band, k as f64 * self.rate_hz / self.grid as f64)
+    /// The bins that a band's filter passes, with |F|^2.
+    fn filter(&self, band: &Band) -> impl Iterator<Item = (usize, f64)> {
+        let step_hz = self.rate_hz / self.grid as f64;
+        passed(band, step_hz, self.spectrum.len()).map(move |k| (k, pass(band, k as f64 * step_hz)))
     }
 
     /// Energy of each sample in a band; what rings beyond the end counts with the last, and before 0 with the first one.
@@ -129,9 +132,10 @@ impl Measured {
         if band.high_hz > 0.49 * self.rate_hz {
             return None;
         }
-        let mut filtered: Vec<Complex64> =
-            self.spectrum.iter().enumerate().map(|(k, h)| h * self.filter(band, k).sqrt() / self.grid as f64).collect();
-        filtered[0].im = 0.0;
+        let mut filtered = vec![Complex64::ZERO; self.spectrum.len()];
+        for (k, power) in self.filter(band) {
+            filtered[k] = self.spectrum[k] * power.sqrt() / self.grid as f64;
+        }
         if let Some(last) = filtered.last_mut() {
             last.im = 0.0;
         }
@@ -148,28 +152,25 @@ impl Measured {
 
     /// From a band's energy to the mean of |H|^2 as the filter sees it.
     fn unit(&self, band: &Band) -> f64 {
-        let power: f64 = (0..self.spectrum.len()).map(|k| self.filter(band, k)).sum();
+        let power: f64 = self.filter(band).map(|(_, power)| power).sum();
         self.grid as f64 / (2.0 * power)
     }
 }
 
-/// Lowest and highest frequency in Hz that the analysis filter of `band` can pass.
-pub(super) fn reach_hz(band: &Band) -> [f64; 2] {
+/// Of `bins` frequencies `step_hz` apart, from 0 on, those that the analysis filter of `band` can pass.
+pub(super) fn passed(band: &Band, step_hz: f64, bins: usize) -> Range<usize> {
     let flank = (band.high_hz / band.low_hz).powf(FLANK_SHARES[1]);
-    [band.low_hz / flank, band.high_hz * flank]
+    let bin = |hz: f64| ((hz / step_hz).ceil() as usize).clamp(1, bins);
+    bin(band.low_hz / flank)..bin(band.high_hz * flank)
 }
 
-/// |F|^2 at `hz` of the analysis filter of `band`: 1 inside, 0 outside, half a sine period across each flank.
+/// |F|^2 at `hz` > 0 of the analysis filter of `band`: 1 inside, 0 outside, half a sine period across each flank.
 pub(super) fn pass(band: &Band, hz: f64) -> f64 {
     let width = (band.high_hz / band.low_hz).ln();
     let rise = |inside: f64, edge_hz: f64| {
         let half = (FLANK_HZ / edge_hz).clamp(FLANK_SHARES[0] * width, FLANK_SHARES[1] * width);
         0.5 + 0.5 * (std::f64::consts::FRAC_PI_2 * (inside / half).clamp(-1.0, 1.0)).sin()
     };
-    // No flank is as wide as the band.
-    if hz * band.high_hz <= band.low_hz.powi(2) || hz * band.low_hz >= band.high_hz.powi(2) {
-        return 0.0;
-    }
     rise((hz / band.low_hz).ln(), band.low_hz) * rise((band.high_hz / hz).ln(), band.high_hz)
 }
 

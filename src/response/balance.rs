@@ -3,13 +3,17 @@
 //! Noise of a narrow band has few degrees of freedom, neighbours reach over a band's edges, and noise interferes with the early sound:
 //! over some time a filter measures a little more or less than the echogram holds, and decay times and clarity follow. Band by band
 //! the filtered noise N and the early sound E are compared over windows that grow with time, and the noise is multiplied by the smooth
-//! factor g with g^2 NN + 2 g EN = late energy of the window (NN and EN: their sums of products).
+//! factor g with g^2 NN + 2 g EN = late energy of the window (NN and EN: their sums of products). After the last gain the same
+//! windows are compared once more.
 
-use realfft::RealFftPlanner;
+use std::ops::Range;
+use std::sync::Arc;
+
 use realfft::num_complex::Complex64;
-use rustfft::FftPlanner;
+use realfft::{RealFftPlanner, RealToComplex};
+use rustfft::{Fft, FftPlanner};
 
-use super::analysis::{pass, reach_hz};
+use super::analysis::{pass, passed};
 use super::energy::EnergyCurve;
 use super::late::{TimeAxis, smooth_length};
 use crate::scene::Band;
@@ -34,71 +38,75 @@ pub(super) struct Layer {
     pub(super) samples: Vec<f64>,
 }
 
-/// Balances the `layers`; `curves` (one a band) hold the late energies, `early` is what sounds beside them.
-pub(super) fn balance(
-    layers: &mut [Layer],
-    (curves, bands): (&[EnergyCurve], &[Band]),
+/// What balances the noise of a response.
+pub(super) struct Balance<'a> {
+    /// Late energies, one a band.
+    curves: &'a [EnergyCurve],
     axis: TimeAxis,
-    early: &[f64],
-    planner: &mut RealFftPlanner<f64>,
-) {
-    let transform = Transform::new(axis, planner);
-    let spectrum_of = |time| transform.of(time);
-    let grid = transform.grid;
-    let beside = spectrum_of(early.to_vec());
-    let mut fast = FftPlanner::new();
-    let filters: Vec<Option<Filter>> =
-        layers.iter().map(|layer| Filter::new(&bands[layer.band], axis, grid, &mut fast)).collect();
-    let sounds: Vec<Vec<Complex64>> =
-        filters.iter().map(|f| f.as_ref().map_or_else(Vec::new, |f| f.envelope(&beside))).collect();
-    for _ in 0..ROUNDS {
-        let noise = spectrum_of(sum(layers, axis.length));
-        for ((layer, filter), early) in layers.iter_mut().zip(&filters).zip(&sounds) {
-            if let Some(filter) = filter {
-                let factors =
-                    filter.factors(&curves[layer.band], axis, &filter.envelope(&noise), (early, None), LIMITS);
-                apply(&mut layer.samples, &factors);
-            }
+    forward: Arc<dyn RealToComplex<f64>>,
+    /// Length of the transform: the response and the silence after it.
+    grid: usize,
+    /// One a band; `None` where it reaches beyond half the sample rate.
+    filters: Vec<Option<Filter>>,
+}
+
+impl<'a> Balance<'a> {
+    pub(super) fn new(
+        curves: &'a [EnergyCurve],
+        bands: &[Band],
+        axis: TimeAxis,
+        planner: &mut RealFftPlanner<f64>,
+    ) -> Self {
+        let grid = smooth_length(axis.length + (RINGING_S * axis.sample_rate_hz) as usize);
+        let mut fast = FftPlanner::new();
+        let filters = bands.iter().map(|band| Filter::new(band, axis, grid, &mut fast)).collect();
+        Self { curves, axis, forward: planner.plan_fft_forward(grid), grid, filters }
+    }
+
+    /// Multiplies the `layers` by factors of time; `early` is what sounds beside them.
+    pub(super) fn balance(&self, layers: &mut [Layer], early: &[f64]) {
+        let beside = self.spectrum(early.to_vec());
+        let beside: Vec<Vec<Complex64>> = self.heard(layers).map(|(_, filter)| filter.envelope(&beside)).collect();
+        for _ in 0..ROUNDS {
+            let noise = self.spectrum(sum(layers, self.axis.length));
+            let factors: Vec<(usize, Vec<(f64, f64)>)> = self
+                .heard(layers)
+                .zip(&beside)
+                .map(|((n, filter), beside)| {
+                    let late = |_: Range<usize>| 0.0;
+                    (n, filter.factors(self.late(&layers[n]), &filter.envelope(&noise), beside, late, LIMITS))
+                })
+                .collect();
+            factors.iter().for_each(|(n, factors)| apply(&mut layers[*n].samples, factors));
         }
     }
-}
 
-/// Makes up in `sounds`, the whole response, for what the gain over it has changed of the decays: adds shares of the `layers`.
-pub(super) fn make_up(
-    sounds: &mut [f64],
-    layers: &[Layer],
-    (curves, bands): (&[EnergyCurve], &[Band]),
-    axis: TimeAxis,
-    planner: &mut RealFftPlanner<f64>,
-) {
-    let transform = Transform::new(axis, planner);
-    let (whole, noise) = (transform.of(sounds.to_vec()), transform.of(sum(layers, axis.length)));
-    let mut fast = FftPlanner::new();
-    for layer in layers {
-        let curve = &curves[layer.band];
-        let Some(filter) = Filter::new(&bands[layer.band], axis, transform.grid, &mut fast) else { continue };
-        let (whole, mut missing) = (filter.envelope(&whole), filter.energies(&curve.arrivals, axis));
-        missing.iter_mut().zip(&whole).for_each(|(m, z)| *m -= filter.unit * z.norm_sqr());
-        let shares = filter.factors(curve, axis, &filter.envelope(&noise), (&whole, Some(&missing)), SHARES);
-        let mut added = layer.samples.clone();
-        apply(&mut added, &shares);
-        sounds.iter_mut().zip(&added).for_each(|(s, a)| *s += a);
-    }
-}
-
-/// Spectra of the response with the silence after it.
-struct Transform {
-    forward: std::sync::Arc<dyn realfft::RealToComplex<f64>>,
-    grid: usize,
-}
-
-impl Transform {
-    fn new(axis: TimeAxis, planner: &mut RealFftPlanner<f64>) -> Self {
-        let grid = smooth_length(axis.length + (RINGING_S * axis.sample_rate_hz) as usize);
-        Self { forward: planner.plan_fft_forward(grid), grid }
+    /// Makes up in `whole`, the response after a gain, for what that has changed of the decays: adds shares of the `layers` until
+    /// it has the energies of `early`, of before the gain, and of the late sound.
+    pub(super) fn make_up(&self, whole: &mut [f64], early: Vec<f64>, layers: &[Layer]) {
+        let noise = self.spectrum(sum(layers, self.axis.length));
+        let (early, all) = (self.spectrum(early), self.spectrum(whole.to_vec()));
+        for (n, filter) in self.heard(layers) {
+            let (early, all) = (filter.envelope(&early), filter.envelope(&all));
+            let missing = |window: Range<usize>| filter.power(&early[window.clone()]) - filter.power(&all[window]);
+            let shares = filter.factors(self.late(&layers[n]), &filter.envelope(&noise), &all, missing, SHARES);
+            let mut added = layers[n].samples.clone();
+            apply(&mut added, &shares);
+            whole.iter_mut().zip(&added).for_each(|(sum, a)| *sum += a);
+        }
     }
 
-    fn of(&self, mut time: Vec<f64>) -> Vec<Complex64> {
+    /// The layers whose band the sample rate holds, by their index, with the band's filter.
+    fn heard(&self, layers: &[Layer]) -> impl Iterator<Item = (usize, &Filter)> {
+        let bands: Vec<usize> = layers.iter().map(|layer| layer.band).collect();
+        bands.into_iter().enumerate().filter_map(|(n, band)| Some((n, self.filters[band].as_ref()?)))
+    }
+
+    fn late(&self, layer: &Layer) -> (&EnergyCurve, TimeAxis) {
+        (&self.curves[layer.band], self.axis)
+    }
+
+    fn spectrum(&self, mut time: Vec<f64>) -> Vec<Complex64> {
         time.resize(self.grid, 0.0);
         let mut spectrum = self.forward.make_output_vec();
         // Buffers have the plan's own lengths, the only thing the transforms can object to.
@@ -139,7 +147,7 @@ struct Filter {
     /// First bin and the filter's amplitude at each.
     first: usize,
     shares: Vec<f64>,
-    inverse: std::sync::Arc<dyn rustfft::Fft<f64>>,
+    inverse: Arc<dyn Fft<f64>>,
     /// From |z|^2 to intensity.
     unit: f64,
     /// Samples of the response a sample of the envelope.
@@ -155,8 +163,9 @@ impl Filter {
             return None;
         }
         let step_hz = axis.sample_rate_hz / grid as f64;
-        let [first, last] = reach_hz(band).map(|hz| ((hz / step_hz) as usize).min(grid / 2));
-        let powers: Vec<f64> = (first..=last).map(|k| pass(band, k as f64 * step_hz)).collect();
+        let bins = passed(band, step_hz, grid / 2 + 1);
+        let first = bins.start;
+        let powers: Vec<f64> = bins.map(|k| pass(band, k as f64 * step_hz)).collect();
         let shares: Vec<f64> = powers.iter().map(|p| p.sqrt()).collect();
         let length = smooth_length(shares.len());
         Some(Self {
@@ -177,39 +186,19 @@ impl Filter {
         values
     }
 
-    /// Energies of the envelope of `arrivals` (delay, intensity) that do not interfere.
-    fn energies(&self, arrivals: &[(f64, f64)], axis: TimeAxis) -> Vec<f64> {
-        let length = self.inverse.len();
-        let mut kernel: Vec<Complex64> = self.shares.iter().map(|f| Complex64::from(*f)).collect();
-        kernel.resize(length, Complex64::ZERO);
-        self.inverse.process(&mut kernel);
-        // What one arrival of intensity 1 leaves: it adds up to 1.
-        kernel.iter_mut().for_each(|z| *z = Complex64::from(self.unit * z.norm_sqr()));
-        let mut sum = vec![Complex64::ZERO; length];
-        for (delay_s, intensity) in arrivals {
-            let place = (delay_s + axis.shift_s) * axis.sample_rate_hz / self.step;
-            if (0.0..(length - 1) as f64).contains(&place) {
-                let (at, share) = (place as usize, place.fract());
-                sum[at] += (1.0 - share) * intensity;
-                sum[at + 1] += share * intensity;
-            }
-        }
-        // Two transforms forth, conjugated: the third one leads back.
-        self.inverse.process(&mut kernel);
-        self.inverse.process(&mut sum);
-        sum.iter_mut().zip(&kernel).for_each(|(s, k)| *s = (*s * k).conj());
-        self.inverse.process(&mut sum);
-        sum.iter().map(|s| (s.re / length as f64).max(0.0)).collect()
+    /// Energy of a piece of an envelope, as intensity.
+    fn power(&self, envelope: &[Complex64]) -> f64 {
+        self.unit * envelope.iter().map(|z| z.norm_sqr()).sum::<f64>()
     }
 
-    /// Factors on the noise at the middles of the windows (in samples), such that beside `beside` it brings the late energy and what
-    /// else is `missing` (a sample of the envelope).
+    /// Factors on the noise at the middles of the windows (in samples), such that together with `beside` it brings the late energy
+    /// and what else is `missing` in a window of the envelopes.
     fn factors(
         &self,
-        curve: &EnergyCurve,
-        axis: TimeAxis,
+        (curve, axis): (&EnergyCurve, TimeAxis),
         noise: &[Complex64],
-        (beside, missing): (&[Complex64], Option<&[f64]>),
+        beside: &[Complex64],
+        missing: impl Fn(Range<usize>) -> f64,
         limits: [f64; 2],
     ) -> Vec<(f64, f64)> {
         let Some(first) = curve.bins.iter().position(|e| *e > 0.0) else { return Vec::new() };
@@ -226,17 +215,16 @@ impl Filter {
             // A rest shorter than a window belongs to the last one.
             let to_s = if to_s + 0.5 * self.window_s >= end_s { end_s } else { to_s };
             let window = place(from_s)..place(to_s);
-            let (mut own, mut cross) = (0.0, 0.0);
-            for (n, e) in noise[window.clone()].iter().zip(&beside[window.clone()]) {
-                own += self.unit * n.norm_sqr();
-                cross += self.unit * (n.re * e.re + n.im * e.im);
-            }
+            let pairs = noise[window.clone()].iter().zip(&beside[window.clone()]);
+            let cross = self.unit * pairs.map(|(n, b)| n.re * b.re + n.im * b.im).sum::<f64>();
+            let own = self.power(&noise[window.clone()]);
             let late = curve.remaining_in_bins(from_s) - curve.remaining_in_bins(to_s);
-            let wanted = late + missing.map_or(0.0, |missing| missing[window].iter().sum());
-            let root = (cross * cross + own * wanted).max(0.0).sqrt();
-            let factor = if own > 0.0 { (root - cross) / own } else { 0.0 };
+            let root = (cross * cross + own * (late + missing(window))).max(0.0).sqrt();
             let middle = (0.5 * (from_s + to_s) + axis.shift_s) * axis.sample_rate_hz;
-            factors.push((middle, factor.clamp(limits[0], limits[1])));
+            // A window without noise asks for nothing.
+            if own > 0.0 {
+                factors.push((middle, ((root - cross) / own).clamp(limits[0], limits[1])));
+            }
             from_s = to_s;
         }
         factors

@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 use crate::probe::Reception;
 use crate::scene::Band;
 
-use super::balance::{Layer, balance};
+use super::balance::Layer;
 use super::energy::EnergyCurve;
 use super::spectrum::{between_hz, centres_hz, fade, ln_magnitude};
 
@@ -46,7 +46,6 @@ pub(super) fn noise(
     curves: &[EnergyCurve],
     bands: &[Band],
     axis: TimeAxis,
-    early: &[f64],
     (seed, channel): (u64, usize),
     planner: &mut RealFftPlanner<f64>,
 ) -> Vec<Layer> {
@@ -102,7 +101,6 @@ pub(super) fn noise(
         let scale = if realised > 0.0 { (power / grid as f64 / realised).sqrt() } else { 0.0 };
         layers.push(Layer { band: b, samples: samples[..length].iter().map(|s| scale * s).collect() });
     }
-    balance(&mut layers, (curves, bands), axis, early, planner);
     layers
 }
 

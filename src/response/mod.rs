@@ -37,9 +37,9 @@ pub use metrics::{DecayTime, Metrics, metrics};
 use crate::error::{Error, Result, Warning};
 use crate::probe::Reception;
 use crate::scene::{Band, ProbeFormat};
-use balance::{make_up, sum};
+use balance::{Balance, sum};
 use energy::EnergyCurve;
-use spectrum::{Shaper, ln_magnitude};
+use spectrum::{Shaper, between_hz, centres_hz, ln_magnitude};
 
 /// Time in s that a response lasts beyond its last sound, for the lowest band's pulse and for a filter to ring down.
 const TAIL_S: f64 = 0.1;
@@ -238,28 +238,31 @@ pub fn render(
     if target.iter().any(|t| *t > 0.0) {
         let mut planner = RealFftPlanner::new();
         let mut shaper = Shaper::new(bands, rate, &mut planner);
-        add_paths(reception, &target, &mut shaper, shift_s, &mut channels, &mut planner);
-        if curves.iter().any(|c| c.remaining_in_bins(0.0) > 0.0) {
-            match_early(reception, &mut channels, (end_s, shift_s), &mut shaper, &mut planner);
-        }
-        let axis = late::TimeAxis { sample_rate_hz: rate, length, shift_s };
-        let mut layers = Vec::new();
-        for (c, samples) in channels.iter_mut().enumerate() {
-            // Rays do not tell their direction: late sound comes evenly from everywhere, so that the harmonics are
-            // independent and have the mean power 1/(2 l + 1).
-            let share = 1.0 / ((2 * directional::degree(c) + 1) as f64).sqrt();
-            let noise = late::noise(reception, &curves, bands, axis, samples, (options.seed, c), &mut planner);
-            samples.iter_mut().zip(sum(&noise, length)).for_each(|(sum, n)| *sum += share * n);
-            if c == 0 {
-                layers = noise;
-            }
-        }
+        add_paths(reception, &target, &mut shaper, shift_s, &mut channels);
         // Band levels are those of the pressure; the other channels go through the same gain.
-        let mut errors = gain::match_bands(&mut channels, &target, &mut shaper, &mut planner);
-        if !layers.is_empty() {
-            make_up(&mut channels[0], &layers, (&curves, bands), axis, &mut planner);
-            errors = gain::match_bands(&mut channels, &target, &mut shaper, &mut planner);
-        }
+        let errors = if curves.iter().any(|c| c.remaining_in_bins(0.0) > 0.0) {
+            match_early(reception, &mut channels, (end_s, shift_s), &mut shaper, &mut planner);
+            let early = channels[0].clone();
+            let axis = late::TimeAxis { sample_rate_hz: rate, length, shift_s };
+            let balance = Balance::new(&curves, bands, axis, &mut planner);
+            let mut noise = Vec::new();
+            for (c, samples) in channels.iter_mut().enumerate() {
+                let mut layers = late::noise(reception, &curves, bands, axis, (options.seed, c), &mut planner);
+                balance.balance(&mut layers, samples);
+                // Rays do not tell their direction: late sound comes evenly from everywhere, so that the harmonics are
+                // independent and have the mean power 1/(2 l + 1).
+                let share = 1.0 / ((2 * directional::degree(c) + 1) as f64).sqrt();
+                samples.iter_mut().zip(sum(&layers, length)).for_each(|(sum, n)| *sum += share * n);
+                if c == 0 {
+                    noise = layers;
+                }
+            }
+            gain::match_bands(&mut channels, &target, &mut shaper, &mut planner);
+            balance.make_up(&mut channels[0], early, &noise);
+            gain::match_bands(&mut channels, &target, &mut shaper, &mut planner)
+        } else {
+            gain::match_bands(&mut channels, &target, &mut shaper, &mut planner)
+        };
         for (band, error) in bands.iter().zip(errors).filter(|(_, e)| e.is_nan() || e.abs() > REPORTED_DB) {
             warnings.push(Warning {
                 observation: format!(
@@ -296,20 +299,9 @@ fn centre(band: &Band) -> f64 {
 }
 
 /// Adds one pulse a path. Bands that are silent altogether (`target` 0) are left to the gain at the end.
-fn add_paths(
-    reception: &Reception,
-    target: &[f64],
-    shaper: &mut Shaper<'_>,
-    shift_s: f64,
-    channels: &mut [Vec<f64>],
-    planner: &mut RealFftPlanner<f64>,
-) {
+fn add_paths(reception: &Reception, target: &[f64], shaper: &mut Shaper<'_>, shift_s: f64, channels: &mut [Vec<f64>]) {
     let length = channels[0].len();
     let bands = shaper.bands();
-    // Parts of a band whose intensities are known.
-    let parts = reception.paths.iter().map(|path| path.course.len() / path.intensity.len()).max().unwrap_or(0);
-    let fine_bands: Vec<Band> = bands.iter().flat_map(|band| band.parts(parts)).collect();
-    let mut fine = (parts > 0).then(|| Shaper::new(&fine_bands, shaper.sample_rate_hz(), planner));
     for path in &reception.paths {
         let intensity = &path.intensity[..bands.len()];
         let arrival = (path.delay_s + shift_s) * shaper.sample_rate_hz();
@@ -327,14 +319,14 @@ fn add_paths(
             }
             continue;
         }
-        let silent = intensity.iter().zip(target).map(|(e, t)| *e <= 0.0 && *t > 0.0);
-        let pulse = match &mut fine {
-            Some(fine) if !path.course.is_empty() => {
-                let silent: Vec<bool> = silent.flat_map(|s| std::iter::repeat_n(s, parts)).collect();
-                let ln = ln_magnitude(fine.bands(), &path.course[..silent.len()]);
-                fine.pulse(&ln, &silent, fraction)
-            }
-            _ => shaper.pulse(&ln_magnitude(bands, intensity), &silent.collect::<Vec<bool>>(), fraction),
+        let silent: Vec<bool> = intensity.iter().zip(target).map(|(e, t)| *e <= 0.0 && *t > 0.0).collect();
+        let pulse = if path.course.is_empty() {
+            shaper.pulse(&ln_magnitude(bands, intensity), &silent, fraction)
+        } else {
+            let parts = path.course.len() / path.intensity.len();
+            let fine: Vec<Band> = bands.iter().flat_map(|band| band.parts(parts)).collect();
+            let (ln, centres) = (ln_magnitude(&fine, &path.course[..fine.len()]), centres_hz(&fine));
+            shaper.pulse_of(&silent, |hz| between_hz(&centres, hz).of(&ln), fraction)
         };
         let half = pulse.len() / 2;
         for (samples, weight) in channels.iter_mut().zip(&weights) {

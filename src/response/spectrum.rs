@@ -281,11 +281,22 @@ impl<'a> Shaper<'a> {
         &self.pulse
     }
 
+    /// The pulse with the spectrum exp(`ln_magnitude`(f)), else as [`Self::pulse`].
+    pub(super) fn pulse_of(&mut self, silent: &[bool], ln_magnitude: impl Fn(f64) -> f64, fraction: f64) -> &[f64] {
+        self.shape(silent, ln_magnitude, fraction);
+        &self.pulse
+    }
+
     /// Phase on the pulse grid of a gain exp(`ln_gain`(f)) with `silent` bands faded out, chosen as for a pulse, and its
     /// share of the minimum phase.
     pub(super) fn gain_phase(&mut self, silent: &[bool], ln_gain: impl Fn(f64) -> f64) -> (Vec<f64>, f64) {
+        self.shape(silent, ln_gain, 0.0)
+    }
+
+    /// Makes the pulse of any spectrum; returns its phase and the share of the minimum phase.
+    fn shape(&mut self, silent: &[bool], ln_magnitude: impl Fn(f64) -> f64, fraction: f64) -> (Vec<f64>, f64) {
         self.prepare_fade(silent);
-        let ln: Vec<f64> = self.frequencies().map(ln_gain).collect();
+        let ln: Vec<f64> = self.frequencies().map(ln_magnitude).collect();
         let mut phase = self.minimum_phase(&ln);
         let mut magnitude: Vec<f64> = ln.iter().map(|ln| ln.exp()).collect();
         if let Some(fade) = self.fades.get(silent) {
@@ -294,7 +305,7 @@ impl<'a> Shaper<'a> {
                 *m *= fade.magnitude[k];
             }
         }
-        let share = self.settle(&magnitude, &mut phase, 0.0);
+        let share = self.settle(&magnitude, &mut phase, fraction);
         (phase, share)
     }
 
