@@ -34,6 +34,8 @@ pub enum Form {
 pub const NARROW_KA: f64 = 14.0;
 /// The same where the source or the receiver is so oblique that waves along the opening matter.
 pub const NARROW_KA_OBLIQUE: f64 = 50.0;
+/// The same where sound runs along the opening before and behind, and crosses it more than twice.
+const NARROW_KA_ALONG: f64 = 80.0;
 /// k times width up to which the exact aperture replaces a sum over signed rays that came out negative: for bands, which
 /// need many frequencies, and for tones.
 const AFFORDABLE_KA: [f64; 2] = [200.0, 800.0];
@@ -45,6 +47,8 @@ const NEAR: [f64; 2] = [0.4, 0.8];
 /// before and behind. Such directions, and oblique ones, change so much over the opening that the closed form's
 /// midpoints fail.
 const GRAZING: [f64; 2] = [0.7, 1.0];
+/// The same, at both jambs, between which sound runs along the opening: 81 to 76 degrees off the normal on both sides.
+const ALONG: [f64; 2] = [0.3, 0.5];
 /// k times the narrowest member, opening or strip, of several openings over which the closed form takes over from the exact
 /// aperture: it has no waves over the strips, and midpoints of two openings are right from afar only.
 const NARROW_MEMBER: [f64; 2] = [60.0, 100.0];
@@ -75,12 +79,13 @@ pub fn exact_share(mask: &Mask, crossing: &Crossing, spectrum: &Spectrum) -> f64
         return share_of_several(mask, spectrum);
     }
     let ka = narrowest_ka(mask, spectrum);
-    if ka >= NARROW_KA_OBLIQUE {
+    if ka >= NARROW_KA_ALONG {
         return 0.0;
     }
     let Some(opening) = openings.first() else { return 0.0 };
-    let along = off_axis(opening, crossing);
-    let limit = NARROW_KA + (NARROW_KA_OBLIQUE - NARROW_KA) * along;
+    let oblique = (NARROW_KA_OBLIQUE - NARROW_KA) * off_axis(opening, crossing);
+    let along = (NARROW_KA_ALONG - NARROW_KA_OBLIQUE) * runs_along(opening, crossing);
+    let limit = NARROW_KA + oblique + along;
     fade(ka, [0.75 * limit, limit])
 }
 
@@ -393,6 +398,16 @@ fn off_axis(opening: &[f64; 2], crossing: &Crossing) -> f64 {
         Incident::Plane { .. } => f64::INFINITY,
     };
     fade(cosine, OBLIQUE_COS).max(fade(crossing.z_m.min(before) / (opening[1] - opening[0]), NEAR))
+}
+
+/// 1 where sound arrives along the screen and goes on along it past both jambs, 0 where it does not, smooth between.
+fn runs_along(opening: &[f64; 2], crossing: &Crossing) -> f64 {
+    let rays = opening.map(|x| crossing.ray(x));
+    let sines = rays.iter().flat_map(|ray| [ray.sin_i, ray.sin_o]);
+    // A direction that turns round from jamb to jamb is upright in between.
+    let onward = sines.clone().all(|sine| sine > 0.0) || sines.clone().all(|sine| sine < 0.0);
+    let steepest = rays.iter().fold(0.0_f64, |c, ray| c.max(ray.cos_i + ray.cos_o));
+    if onward { fade(steepest, ALONG) } else { 0.0 }
 }
 
 /// `share` of the first sum and the rest of the second.
