@@ -2,6 +2,9 @@
 
 mod reference;
 
+use diffray::wbsdf::crossing::{Crossing, Incident, Spectrum};
+use diffray::wbsdf::mask::Mask;
+use diffray::wbsdf::slit::intensity;
 use reference::{Errors, Row, SCREEN, head, level, levels, probe, slit, source, table};
 
 /// A wall that fills `-thickness_m` < y < 0.
@@ -45,11 +48,33 @@ fn tone(width_m: f64, wall: &str, thickness_m: f64, frequency_hz: f64) -> f64 {
 fn a_thin_wall_is_the_limit_of_a_thick_one() {
     for (width, f) in [(0.005, 250.0), (0.05, 1000.0), (0.3, 500.0)] {
         let thin = tone(width, SCREEN, 0.0, f);
-        // From a depth of 1/100 of the width on the thick form is used; an added mass makes the level fall.
+        // From a depth of 1/100 of the width on the deep form alone is used; an added mass makes the level fall.
         let depth = width / 99.0;
         let thick = tone(width, &wall(depth), depth, f);
         let fall = thin - thick;
         assert!((0.0..0.1).contains(&fall), "{width} m, {f} Hz: {thin} {thick}");
+    }
+}
+
+#[test]
+fn levels_do_not_jump_where_a_slit_becomes_wide_enough_to_count_as_thin() {
+    let spectrum = Spectrum { low_hz: 707.106781, high_hz: 1414.213562, speed_m_s: 343.0 };
+    let at = |degrees: f64, r: f64| (r * degrees.to_radians().sin(), r * degrees.to_radians().cos());
+    // k a 3, 13 and 26; source and probe also along the screen, on one side of the slit and on both.
+    for thickness_m in [0.002, 0.008, 0.016] {
+        for (before, behind) in [(-84.0, -86.0), (82.0, 87.0), (85.0, -83.0), (-20.0, 84.0), (10.0, -30.0)] {
+            let ((x_m, z_m), receiver) = (at(before, 3.0), at(behind, 4.0));
+            let crossing = Crossing { incident: Incident::Line { x_m, z_m }, x_m: receiver.0, z_m: receiver.1 };
+            let level = |width_m: f64| {
+                let mask = Mask::new(&[[-0.5 * width_m, 0.5 * width_m]]);
+                10.0 * intensity(&mask, thickness_m, &crossing, &spectrum, || None, 2e-3).value.log10()
+            };
+            // From 95 to 130 times the thickness in steps of 0.4 %.
+            let sweep: Vec<f64> = (0..=78).map(|i| level(95.0 * thickness_m * 1.004_f64.powi(i))).collect();
+            let largest = sweep.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+            println!("{thickness_m} {before} {behind}: {largest:.4} dB, {:.2} to {:.2} dB", sweep[0], sweep[78]);
+            assert!(largest < 0.1, "{thickness_m} m, {before}, {behind} degrees: a step of {largest} dB");
+        }
     }
 }
 

@@ -13,7 +13,7 @@ use super::mask::{Jambs, Mask};
 use super::multipole::{Lit, Multipoles};
 use super::quadrature::RaySum;
 use super::tables::Solved;
-use super::thick::{ThickAperture, is_thick};
+use super::thick::{ThickAperture, deep_share};
 use super::two_edges::{edge_field, two_edges};
 use super::wedge::coherent;
 
@@ -132,11 +132,16 @@ fn narrowest_ka(mask: &Mask, spectrum: &Spectrum) -> f64 {
     mask.openings().iter().map(|o| k * (o[1] - o[0])).fold(f64::INFINITY, f64::min)
 }
 
-/// Whether the thickness of the wall counts for the narrowest of the mask's openings.
-pub fn depth_counts(mask: &Mask, thickness_m: f64) -> bool {
+/// Share of the deep gap for the narrowest of the mask's openings; unbounded ones are thin.
+fn deep_share_of(mask: &Mask, thickness_m: f64) -> f64 {
     let finite = !mask.openings().iter().flatten().any(|x| x.is_infinite());
     let narrowest = mask.openings().iter().map(|o| o[1] - o[0]).fold(f64::INFINITY, f64::min);
-    finite && is_thick(narrowest, thickness_m)
+    if finite { deep_share(narrowest, thickness_m) } else { 0.0 }
+}
+
+/// Whether the thickness of the wall counts for the narrowest of the mask's openings.
+pub fn depth_counts(mask: &Mask, thickness_m: f64) -> bool {
+    deep_share_of(mask, thickness_m) > 0.0
 }
 
 /// Length in m, across the edges, of the shortest way through the mask.
@@ -362,7 +367,25 @@ pub fn intensity<'a>(
         Some(Solved { apertures, lit }) => apertures.intensity_of(lit, mask, crossing),
         None => BandApertures::new(mask, thickness_m, spectrum, sin_beta(mask, crossing)).intensity(mask, crossing),
     };
-    let share = if depth_counts(mask, thickness_m) { 1.0 } else { exact_share(mask, crossing, spectrum) };
+    match deep_share_of(mask, thickness_m) {
+        0.0 => thin(mask, crossing, spectrum, exact, tolerance),
+        1.0 => exact(),
+        share => {
+            let solved = || BandApertures::new(mask, 0.0, spectrum, sin_beta(mask, crossing)).intensity(mask, crossing);
+            mix(share, exact(), thin(mask, crossing, spectrum, solved, tolerance))
+        }
+    }
+}
+
+/// Openings in a thin wall: the `exact` aperture where they are narrow for this pair.
+fn thin(
+    mask: &Mask,
+    crossing: &Crossing,
+    spectrum: &Spectrum,
+    exact: impl FnOnce() -> RaySum,
+    tolerance: f64,
+) -> RaySum {
+    let share = exact_share(mask, crossing, spectrum);
     if share == 1.0 {
         return exact();
     }

@@ -23,6 +23,7 @@ use super::aperture::{EULER_GAMMA, distances, line_transfer};
 use super::crossing::{Crossing, Incident};
 use super::factors::{Factors, mirrored};
 use super::hankel::{hankel0, hankel0_each, sin_cos};
+use super::slit::fade;
 
 /// Exponent of the grading: v dx/ds vanishes like s^(2 q/3 - 1) at the jambs.
 const GRADING: i32 = 6;
@@ -101,9 +102,18 @@ pub(super) fn impedances(k: f64, mu: f64, thickness_m: f64) -> [f64; 2] {
     }
 }
 
-/// Whether the depth of a gap of `width_m` counts: below 1/100 of the width it changes levels by less than 0.08 dB.
+/// Widths over depth between which a gap comes to count as thin: there its depth changes levels by less than 0.08 dB, but for
+/// directions along the screen.
+const FLAT: [f64; 2] = [100.0, 125.0];
+
+/// Whether a gap of `width_m` counts as deep.
 pub fn is_thick(width_m: f64, thickness_m: f64) -> bool {
-    100.0 * thickness_m > width_m
+    FLAT[0] * thickness_m > width_m
+}
+
+/// Share of the deep gap in the intensity behind a slit of `width_m`, 0..=1, smooth; the thin one has the rest.
+pub(super) fn deep_share(width_m: f64, thickness_m: f64) -> f64 {
+    if thickness_m > 0.0 { fade(width_m / thickness_m, FLAT) } else { 0.0 }
 }
 
 impl ThickAperture {
