@@ -82,14 +82,14 @@ impl Aperture {
         for i in 0..total {
             for j in 0..i {
                 let h = hankel0(k * (nodes[i] - nodes[j]).abs());
-                matrix[(i, j)] = HALF_I * h * steps[j];
-                matrix[(j, i)] = HALF_I * h * steps[i];
+                matrix[(i, j)] = HALF_I * h;
+                matrix[(j, i)] = HALF_I * h;
             }
         }
         for &(start, n, half) in &blocks {
             add_logarithm(&mut matrix, start, n, k, half);
         }
-        Self { k, nodes, steps, factors: Factors::new(matrix, mirrored(openings)) }
+        Self { k, nodes, steps, factors: Factors::new(&matrix, mirrored(openings)) }
     }
 
     /// Solves for the incident pressure at the nodes.
@@ -99,17 +99,12 @@ impl Aperture {
 
     /// u dx at the nodes, of its quadrature, for the incident pressure there.
     pub(super) fn strengths(&self, p_inc: Vec<Complex64>) -> DVector<Complex64> {
-        let mut strengths = self.factors.solve(&DVector::from_vec(p_inc));
-        for (s, step) in strengths.iter_mut().zip(&self.steps) {
-            *s *= *step;
-        }
-        strengths
+        self.factors.solve(&DVector::from_vec(p_inc))
     }
 
     /// `shapes`^T times what leaves the openings for each of the columns of `shapes` as incident pressure at the nodes.
     pub(super) fn moments(&self, shapes: &DMatrix<f64>) -> [DMatrix<f64>; 2] {
-        let weighted = DMatrix::from_fn(shapes.nrows(), shapes.ncols(), |i, j| self.steps[i] * shapes[(i, j)]);
-        self.factors.moments(&weighted, shapes)
+        self.factors.moments(shapes)
     }
 
     /// The nodes' places across the openings in m.
@@ -172,7 +167,7 @@ pub(super) fn distances(nodes: &[f64], scale: f64, x_m: f64, z_m: f64) -> Vec<f6
     nodes.iter().map(|x| scale * ((x_m - x) * (x_m - x) + z_m * z_m).sqrt()).collect()
 }
 
-/// Replaces the naive quadrature of an opening's own block by the one that is exact for its logarithm.
+/// Replaces the naive quadrature of an opening's own block by the one that is exact for its logarithm, both over the step.
 fn add_logarithm(matrix: &mut DMatrix<Complex64>, start: usize, n: usize, k: f64, half: f64) {
     let step = PI / n as f64;
     // cos(j step/2): every angle below is a multiple of half a step.
@@ -187,10 +182,10 @@ fn add_logarithm(matrix: &mut DMatrix<Complex64>, start: usize, n: usize, k: f64
                 (1.0, Complex64::new(1.0, FRAC_2_PI * ((0.5 * k * half).ln() + EULER_GAMMA)))
             } else {
                 let distance = (cosines[2 * i + 1] - cosines[2 * j + 1]).abs();
-                let naive = matrix[(start + i, start + j)] / (HALF_I * step);
+                let naive = matrix[(start + i, start + j)] / HALF_I;
                 (naive.re, naive - Complex64::new(0.0, FRAC_2_PI * naive.re * distance.ln()))
             };
-            matrix[(start + i, start + j)] = HALF_I * step * (remainder + Complex64::new(0.0, FRAC_2_PI * j0 * exact));
+            matrix[(start + i, start + j)] = HALF_I * (remainder + Complex64::new(0.0, FRAC_2_PI * j0 * exact));
         }
     }
 }

@@ -141,10 +141,9 @@ impl ThickAperture {
         let mut outside = DMatrix::<Complex64>::zeros(total, total);
         for a in &mouths {
             for b in mouths.iter().filter(|b| b.start != a.start) {
-                let step = PI / b.half as f64;
                 for (i, from) in a.nodes.iter().enumerate() {
                     for (j, to) in b.nodes.iter().enumerate() {
-                        outside[(a.start + i, b.start + j)] = HALF_I * step * hankel0(k * (from.x_m - to.x_m).abs());
+                        outside[(a.start + i, b.start + j)] = HALF_I * hankel0(k * (from.x_m - to.x_m).abs());
                     }
                 }
             }
@@ -154,7 +153,7 @@ impl ThickAperture {
             mouth.add(k, thickness_m, &mut even, &mut odd);
         }
         let mirrored = mirrored(openings);
-        Self { k, thickness_m, mouths, even: Factors::new(even, mirrored), odd: Factors::new(odd, mirrored) }
+        Self { k, thickness_m, mouths, even: Factors::new(&even, mirrored), odd: Factors::new(&odd, mirrored) }
     }
 
     /// p/|p_free| of `crossing`, whose distances count from the middle of the wall; p_free is the field with the wall
@@ -208,18 +207,12 @@ impl ThickAperture {
     /// v dx/ds times the step at the nodes of the far mouth, for the incident pressure at those of the near one.
     pub(super) fn strengths(&self, p_inc: Vec<Complex64>) -> Vec<Complex64> {
         let right = DVector::from_vec(p_inc);
-        let leaving = self.odd.solve(&right) - self.even.solve(&right);
-        let steps = self.mouths.iter().flat_map(|m| m.nodes.iter().map(|_| PI / m.half as f64));
-        leaving.iter().zip(steps).map(|(v, step)| v * step).collect()
+        (self.odd.solve(&right) - self.even.solve(&right)).as_slice().to_vec()
     }
 
     /// `shapes`^T times what leaves the far mouth for each of the columns of `shapes` as incident pressure at the nodes.
     pub(super) fn moments(&self, shapes: &DMatrix<f64>) -> [DMatrix<f64>; 2] {
-        let mut weighted = shapes.clone();
-        for mouth in &self.mouths {
-            weighted.rows_mut(mouth.start, mouth.nodes.len()).scale_mut(PI / mouth.half as f64);
-        }
-        let [odd, even] = [&self.odd, &self.even].map(|factors| factors.moments(&weighted, shapes));
+        let [odd, even] = [&self.odd, &self.even].map(|factors| factors.moments(shapes));
         [&odd[0] - &even[0], &odd[1] - &even[1]]
     }
 
@@ -248,7 +241,7 @@ impl ThickAperture {
 }
 
 impl Mouth {
-    /// Adds the mouth's own blocks to the even and the odd matrix.
+    /// Adds the mouth's own blocks, over the step, to the even and the odd matrix.
     fn add(&self, k: f64, thickness_m: f64, even: &mut DMatrix<Complex64>, odd: &mut DMatrix<Complex64>) {
         let (n, a) = (self.nodes.len(), self.width_m);
         let step = PI / self.half as f64;
@@ -268,7 +261,7 @@ impl Mouth {
             shapes * weighted.transpose()
         };
         let own = [0, 1].map(|which| [shares(0, which), shares(1, which)]);
-        // ln(4 sin^2((s - s')/2)) by |i - j|, and its quadrature weights (Kress 1989, eq. 12.19 for 2 half nodes).
+        // ln(4 sin^2((s - s')/2)) by |i - j|, and its quadrature weights over the step (Kress 1989, eq. 12.19 for 2 half nodes).
         let cosines: Vec<f64> = (0..2 * self.half).map(|d| (d as f64 * step).cos()).collect();
         let inverses: Vec<f64> = (1..self.half).map(|m| 1.0 / m as f64).collect();
         let logarithm: Vec<(f64, f64)> = (0..n)
@@ -284,7 +277,7 @@ impl Mouth {
                     .sum();
                 let last = if d % 2 == 0 { 1.0 } else { -1.0 };
                 let periodic = if d == 0 { 0.0 } else { (4.0 * (0.5 * d as f64 * step).sin().powi(2)).ln() };
-                (periodic, -2.0 * step * series - last * step / self.half as f64)
+                (periodic, -2.0 * series - last / self.half as f64)
             })
             .collect();
         // sin(pi/2 share): sin(pi/2 (p - q)) sin(pi/2 (p + q)) is the difference of their squares.
@@ -307,13 +300,13 @@ impl Mouth {
                     let j0 = 2.0 * h.im;
                     (j0, h - inside_and_image / PI + (j0 + 1.0) * periodic / TAU)
                 };
-                let common = step * rest - (j0 + 1.0) * weight / TAU;
+                let common = rest - (j0 + 1.0) * weight / TAU;
                 for (matrix, [same, opposite]) in [&mut *even, &mut *odd].into_iter().zip(&own) {
                     let modes = match j < half {
                         true => same[(i, j)] + opposite[(i, j)],
                         false => same[(i, n - 1 - j)] - opposite[(i, n - 1 - j)],
                     };
-                    let value = common + step * modes;
+                    let value = common + modes;
                     for (row, column) in [(i, j), (j, i), (n - 1 - i, n - 1 - j), (n - 1 - j, n - 1 - i)] {
                         matrix[(self.start + row, self.start + column)] = value;
                     }
