@@ -11,6 +11,7 @@ use clap::CommandFactory;
 use diffray::error::{Error, Result, Warning};
 use diffray::geometry::Geometry;
 use diffray::plan::Plan;
+use diffray::probe::TableCost;
 use diffray::report::{self, Folder, Pair, ReferenceCurve, Run, Series, Simulated, SweepValue, Swept};
 use diffray::response::{self, Metrics, RenderOptions, Response};
 use diffray::scene::{Loaded, Override, ProbeFormat, Room, Scene, SourceKind, Sweep};
@@ -118,6 +119,7 @@ fn simulate(args: &RunArgs) -> Result<()> {
     let start = Instant::now();
     let (pairs, mut heard) = pairs(&scene, outcome.receptions);
     run.times_s.extend(outcome.times_s);
+    run.opening_tables = outcome.tables;
     run.times_s.push(("responses".to_owned(), start.elapsed().as_secs_f64()));
     drop(bar);
 
@@ -242,6 +244,7 @@ fn sweep(args: &RunArgs, dry: Option<&Path>) -> Result<()> {
     cli::warn(&found);
     run.warnings.append(&mut found);
     run.rays = points.iter().map(|p| p.outcome.rays).sum();
+    points.iter().for_each(|p| TableCost::add(&mut run.opening_tables, p.outcome.tables.clone()));
     run.stop = stops(&points);
     run.plan_text = plan_texts(&parameter, &points);
     run.plan = points

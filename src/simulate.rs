@@ -6,7 +6,7 @@ use crate::error::{Result, Warning};
 use crate::geometry::Geometry;
 use crate::paths::{Early, Prepared, add_courses};
 use crate::plan::Plan;
-use crate::probe::{BandLevel, Echogram, Reception};
+use crate::probe::{BandLevel, Echogram, Reception, TableCost};
 use crate::scene::Scene;
 use crate::trace::{self, Ended, Ledger, TraceOutcome, TracePlan};
 use crate::wbsdf::crossing::Spectrum;
@@ -29,6 +29,8 @@ pub struct Outcome {
     pub ledger: Vec<Ledger>,
     /// Seconds spent by phase, in order.
     pub times_s: Vec<(String, f64)>,
+    /// What the openings on deterministic paths cost.
+    pub tables: Vec<TableCost>,
 }
 
 /// Runs the plan. `progress` is called now and then while rays are traced.
@@ -47,7 +49,8 @@ pub fn run(
     let mut outcome = run_prepared(scene, geometry, plan, &prepared, progress)?;
     if plan.responses {
         let courses = Instant::now();
-        add_courses(scene, geometry, plan.reflection_order, &mut outcome.receptions);
+        let costs = add_courses(scene, geometry, plan.reflection_order, &mut outcome.receptions);
+        TableCost::add(&mut outcome.tables, costs);
         outcome.times_s.push(("courses".to_owned(), courses.elapsed().as_secs_f64()));
     }
     if let Some((_, paths_s)) = outcome.times_s.first_mut() {
@@ -114,7 +117,7 @@ pub fn run_prepared(
         },
     };
     let (rays, hits, ledger) = traced.map_or((0, 0, Vec::new()), |t| (t.rays.iter().sum(), t.hits, t.ledger));
-    Ok(Outcome { receptions, warnings, rays, hits, stop, ledger, times_s })
+    Ok(Outcome { receptions, warnings, rays, hits, stop, ledger, times_s, tables: prepared.costs() })
 }
 
 /// Intensity of the deterministic paths, `[source][probe][band]`.

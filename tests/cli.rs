@@ -218,6 +218,31 @@ fn options_end_up_in_the_record() {
 }
 
 #[test]
+fn the_cost_of_an_opening_s_tables_ends_up_in_the_record() {
+    let screen = "corners_m = [[0, 0, 0], [1, 0, 0], [1, 0, 1]]\nunbounded = true\nthickness_m = 0.1\n";
+    let opening = "[[opening]]\nname = \"slit\"\nwall = \"screen\"\nx_m = [0.2, 0.7]\n";
+    // Both probes lie behind the screen; the same tables serve them.
+    let room =
+        FREE_FIELD.replace("position_m = [0, 0, 0]", "position_m = [0, -2, 0]").replace("[1, 0, 0]", "[1, 1, 0]");
+    let place = Place::new(&format!("{room}[[wall]]\nname = \"screen\"\n{screen}{opening}"));
+    for (command, least) in [(vec!["simulate"], 8), (vec!["sweep", "--set", "source.s.power_db=80,90"], 16)] {
+        let args = [&command[..1], &["room.toml", "--out", "out", "--threads", "1"], &command[1..]].concat();
+        let output = place.diffray(&args);
+        assert_eq!(status(&output), 0, "{}", text(&output.stderr));
+        let record: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(place.path("out/run.json")).unwrap()).unwrap();
+        let [slit] = record["opening_tables"].as_array().unwrap().as_slice() else { panic!("one opening") };
+        assert_eq!(slit["opening"], "slit");
+        // Two octaves take 4 frequencies each at least, those of a sweep are added.
+        let frequencies = slit["frequencies"].as_u64().unwrap();
+        assert!((least..100 * least).contains(&frequencies), "{frequencies}");
+        let (seconds, times) = (slit["seconds"].as_f64().unwrap(), record["times_s"].as_object().unwrap());
+        let spent: f64 = times.values().map(|s| s.as_f64().unwrap()).sum();
+        assert!(0.0 < seconds && seconds < spent, "{seconds} of {times:?}");
+    }
+}
+
+#[test]
 fn results_that_cannot_be_written_are_an_error_and_leave_nothing() {
     let place = Place::new(FREE_FIELD);
     let output = place.diffray(&["simulate", "room.toml", "--out", "room.toml/results"]);

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use diffray::error::Warning;
-use diffray::probe::{BandLevel, EarlyPath, Echogram, Reception};
+use diffray::probe::{BandLevel, EarlyPath, Echogram, Reception, TableCost};
 use diffray::report::{
     Folder, Pair, ReferenceCurve, Run, Series, Simulated, SweepValue, Swept, levels_table, rises, rises_table,
     write_bands, write_closing, write_metrics, write_sweep,
@@ -44,6 +44,7 @@ fn run(name: &str) -> Run {
         rays: 1_234_567,
         stop: "the target of 0.5 dB was reached".into(),
         times_s: vec![("plan".into(), 0.0123), ("paths".into(), 0.41), ("rays".into(), 72.8)],
+        opening_tables: vec![TableCost { opening: "door".into(), frequencies: 212, seconds: 0.146 }],
         warnings: vec![Warning {
             observation: "the volume of \"hall\" is not closed <1 %>".into(),
             remedy: "check the faces that are \"none\"".into(),
@@ -339,6 +340,8 @@ fn run_json_says_how_to_repeat_the_run() {
     assert_eq!(record["room_file_sha256"].as_str().unwrap().len(), 64);
     assert_eq!(record["options"]["simulation"]["transport"], "wbsdf");
     assert_eq!(record["plan"]["portals"][0]["opening"], "door");
+    let door = serde_json::json!({ "opening": "door", "frequencies": 212, "seconds": 0.146 });
+    assert_eq!(record["opening_tables"], serde_json::json!([door]));
     assert_eq!(record["results"][0]["levels"][0]["level_db"], serde_json::Value::Null);
     assert_eq!(record["results"][0]["levels"][4]["level_db"].as_f64().unwrap(), -10.123456789012 - 1.7 * 4.0);
     assert_eq!(

@@ -3,9 +3,9 @@
 //!
 //! The same paths are found again in finer bands, up to few reflections, and scaled to the intensities that are known.
 
-use super::{edge_reach, find};
+use super::{Prepared, edge_reach};
 use crate::geometry::Geometry;
-use crate::probe::{EarlyPath, Reception};
+use crate::probe::{EarlyPath, Reception, TableCost};
 use crate::scene::{Band, Scene, Spacing, Transport};
 
 /// Parts an octave.
@@ -15,15 +15,21 @@ const ORDER: usize = 1;
 
 /// Adds the courses within the bands to the paths of `receptions` (of all sources and probes of the scene, sources slowest) with at
 /// most one of at most `reflection_order` reflections. Where nothing bends sound there are none, nor for tones.
-pub fn add_courses(scene: &Scene, geometry: &Geometry, reflection_order: usize, receptions: &mut [Reception]) {
+/// Returns what the openings cost.
+pub fn add_courses(
+    scene: &Scene,
+    geometry: &Geometry,
+    reflection_order: usize,
+    receptions: &mut [Reception],
+) -> Vec<TableCost> {
     let parts = match scene.spacing {
         Spacing::Octave => PARTS,
         Spacing::ThirdOctave => PARTS / 3,
-        Spacing::Tones => return,
+        Spacing::Tones => return Vec::new(),
     };
     let bends = !geometry.portals.is_empty() || edge_reach(scene, geometry).iter().any(|reach| reach.felt);
     if scene.simulation.diffraction_order == 0 || !bends {
-        return;
+        return Vec::new();
     }
     let mut fine = scene.divided(parts);
     fine.simulation.interference = false;
@@ -31,7 +37,8 @@ pub fn add_courses(scene: &Scene, geometry: &Geometry, reflection_order: usize, 
         // As good, and it takes no minutes.
         fine.simulation.transport = Transport::Wbsdf;
     }
-    let found = find(&fine, geometry, reflection_order.min(ORDER));
+    let prepared = Prepared::new(&fine, geometry, reflection_order.min(ORDER));
+    let found = prepared.find();
     for (reception, found) in receptions.iter_mut().zip(found) {
         for path in &mut reception.paths {
             let same = |other: &&EarlyPath| {
@@ -42,6 +49,7 @@ pub fn add_courses(scene: &Scene, geometry: &Geometry, reflection_order: usize, 
             }
         }
     }
+    prepared.costs()
 }
 
 /// `course` with the white means over the bands that are `intensity`, flat where it has none.

@@ -11,7 +11,7 @@ use super::images::{ImageTree, Origin};
 use super::rectangle::Rectangles;
 use super::wave::{Sound, Wave};
 use crate::geometry::{Geometry, Skip};
-use crate::probe::EarlyPath;
+use crate::probe::{EarlyPath, TableCost};
 use crate::scene::{Frame, Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::{Crossing, Incident, Spectrum};
 use crate::wbsdf::mask::Mask;
@@ -20,6 +20,7 @@ use crate::wbsdf::referee;
 use crate::wbsdf::rim::span;
 use crate::wbsdf::slit;
 use crate::wbsdf::tables::SlitTables;
+use crate::wbsdf::timed::Cost;
 use crate::wbsdf::utd;
 use crate::wbsdf::utd_opening::OpeningRays;
 
@@ -96,6 +97,15 @@ impl Gap {
             Shape::Slits(tables) => tables.forget_sources(),
             Shape::Rectangles(rectangles) => rectangles.forget_points(),
         }
+    }
+
+    /// What has been solved exactly so far, for all pairs.
+    pub(super) fn cost(&self) -> TableCost {
+        let Cost { frequencies, seconds } = match &self.shape {
+            Shape::Slits(tables) => tables.cost(),
+            Shape::Rectangles(rectangles) => rectangles.cost(),
+        };
+        TableCost { opening: self.name.clone(), frequencies, seconds }
     }
 
     /// All paths from the source's images to the probe's images through this gap with at most `order` reflections.

@@ -20,7 +20,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::geometry::{Edge, Geometry, Skip};
-use crate::probe::EarlyPath;
+use crate::probe::{EarlyPath, TableCost};
 use crate::scene::{Scene, Source, SourceKind, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::wedge;
@@ -94,6 +94,11 @@ impl<'a> Prepared<'a> {
     /// Drops what is known of single sources and probes: only what belongs to the openings themselves is kept.
     pub fn forget_points(&self) {
         self.gaps.iter().for_each(Gap::forget_points);
+    }
+
+    /// What its openings have cost so far.
+    pub fn costs(&self) -> Vec<TableCost> {
+        self.gaps.iter().map(Gap::cost).collect()
     }
 
     /// All deterministic paths, one list for every (source, probe), sources slowest.

@@ -4,7 +4,7 @@
 //! opening. The field is then that of the opening and its mirror image together, from the source and from its image, and a
 //! way that would cross the image is another one's mirror image (docs/physics.md section 4).
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -23,6 +23,7 @@ use crate::wbsdf::mask::{Jambs, Mask};
 use crate::wbsdf::rectangle::{Corners, Passed, Rectangle};
 use crate::wbsdf::rim::{shortest_over, span, unfolded};
 use crate::wbsdf::slit::gauss_nodes;
+use crate::wbsdf::timed::{Cost, Timed};
 use crate::wbsdf::utd;
 use crate::wbsdf::utd_opening::OpeningRays;
 
@@ -31,7 +32,7 @@ pub(super) struct Rectangles {
     x: Mask,
     y: Mask,
     depth_m: f64,
-    bands: Vec<OnceLock<Rectangle>>,
+    bands: Vec<Timed<Rectangle>>,
     mirrored: Option<Mirrored>,
     corners: Arc<Corners>,
 }
@@ -42,7 +43,7 @@ struct Mirrored {
     y: Mask,
     /// Pressure reflected by the planes, one factor a band.
     factors: Vec<f64>,
-    bands: Vec<OnceLock<Rectangle>>,
+    bands: Vec<Timed<Rectangle>>,
 }
 
 /// How far in m a limit may lie off the plane that it stands on.
@@ -161,8 +162,18 @@ impl Rectangles {
 
     /// Drops what the exact rectangles know of single points.
     pub(super) fn forget_points(&self) {
-        let mirrored = self.mirrored.iter().flat_map(|m| &m.bands);
-        self.bands.iter().chain(mirrored).filter_map(OnceLock::get).for_each(Rectangle::forget_points);
+        self.all_bands().filter_map(Timed::get).for_each(Rectangle::forget_points);
+    }
+
+    /// What has been solved so far.
+    pub(super) fn cost(&self) -> Cost {
+        let making = |made: &Timed<Rectangle>| Cost { frequencies: 0, seconds: made.seconds() };
+        self.all_bands().map(making).chain(self.all_bands().filter_map(Timed::get).map(Rectangle::cost)).sum()
+    }
+
+    /// With and without images.
+    fn all_bands(&self) -> impl Iterator<Item = &Timed<Rectangle>> {
+        self.bands.iter().chain(self.mirrored.iter().flat_map(|m| &m.bands))
     }
 
     /// All paths from the source's images to the probe's images through the openings with at most `order` reflections.
@@ -296,12 +307,12 @@ impl Rectangles {
 
     /// The openings without images.
     fn alone(&self, scene: &Scene, band: usize, spectrum: &Spectrum) -> &Rectangle {
-        self.bands[band].get_or_init(|| self.rectangle(scene, &self.x, &self.y, spectrum))
+        self.bands[band].get_or_make(|| self.rectangle(scene, &self.x, &self.y, spectrum))
     }
 
     /// The openings with their images.
     fn with_images<'a>(&self, scene: &Scene, m: &'a Mirrored, band: usize, spectrum: &Spectrum) -> &'a Rectangle {
-        m.bands[band].get_or_init(|| self.rectangle(scene, &m.x, &m.y, spectrum))
+        m.bands[band].get_or_make(|| self.rectangle(scene, &m.x, &m.y, spectrum))
     }
 
     fn rectangle(&self, scene: &Scene, x: &Mask, y: &Mask, spectrum: &Spectrum) -> Rectangle {
@@ -477,8 +488,8 @@ fn jambs(scene: &Scene) -> Jambs {
     if scene.simulation.transport == Transport::Paraxial { Jambs::Paraxial } else { Jambs::Rigid }
 }
 
-fn unsolved(scene: &Scene) -> Vec<OnceLock<Rectangle>> {
-    scene.bands.iter().map(|_| OnceLock::new()).collect()
+fn unsolved(scene: &Scene) -> Vec<Timed<Rectangle>> {
+    scene.bands.iter().map(|_| Timed::default()).collect()
 }
 
 /// The wall of the openings with what stands round it.

@@ -25,6 +25,32 @@ pub struct EarlyPath {
     pub course: Vec<f64>,
 }
 
+/// What it took to solve openings exactly, once for all sources and probes.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct TableCost {
+    /// Name of the opening, or of those that act as one.
+    pub opening: String,
+    /// Frequencies at which they were solved, all bands.
+    pub frequencies: usize,
+    /// Seconds of one thread.
+    pub seconds: f64,
+}
+
+impl TableCost {
+    /// Adds `more` to those of the same openings in `all`.
+    pub fn add(all: &mut Vec<Self>, more: Vec<Self>) {
+        for cost in more {
+            match all.iter_mut().find(|known| known.opening == cost.opening) {
+                Some(known) => {
+                    known.frequencies += cost.frequencies;
+                    known.seconds += cost.seconds;
+                }
+                None => all.push(cost),
+            }
+        }
+    }
+}
+
 /// Energy of the traced rays over time: relative intensity summed per bin.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Echogram {

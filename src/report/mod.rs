@@ -19,7 +19,7 @@ mod tables;
 use std::io::Write as _;
 
 use crate::error::{Result, Warning};
-use crate::probe::Reception;
+use crate::probe::{Reception, TableCost};
 use crate::response::{Metrics, Response};
 use crate::scene::{Air, Band, Output, RoomSource, Scene, Simulation, Source, SourceKind};
 
@@ -58,6 +58,8 @@ pub struct Run {
     pub stop: String,
     /// Seconds spent, by phase, in order.
     pub times_s: Vec<(String, f64)>,
+    /// What the openings on deterministic paths cost.
+    pub opening_tables: Vec<TableCost>,
     /// What the user should know about the results.
     pub warnings: Vec<Warning>,
 }
@@ -78,6 +80,7 @@ impl Run {
             rays: 0,
             stop: String::new(),
             times_s: Vec::new(),
+            opening_tables: Vec::new(),
             warnings: Vec::new(),
         }
     }

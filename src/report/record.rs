@@ -6,7 +6,7 @@ use serde::{Serialize, Serializer};
 use super::series::{Rise, Series, rises};
 use super::{Pair, Run, Simulated, Swept};
 use crate::error::Warning;
-use crate::probe::{BandLevel, EarlyPath};
+use crate::probe::{BandLevel, EarlyPath, TableCost};
 use crate::response::Metrics;
 use crate::scene::{Band, Output, Simulation};
 
@@ -31,6 +31,7 @@ pub(super) struct Record<'a> {
     stop: &'a str,
     #[serde(serialize_with = "as_map")]
     times_s: &'a [(String, f64)],
+    opening_tables: &'a [TableCost],
     warnings: &'a [Warning],
     #[serde(skip_serializing_if = "Option::is_none")]
     parameter: Option<&'a str>,
@@ -116,6 +117,7 @@ impl<'a> Record<'a> {
             rays: run.rays,
             stop: &run.stop,
             times_s: &run.times_s,
+            opening_tables: &run.opening_tables,
             warnings: &run.warnings,
             parameter: None,
             results,

@@ -69,6 +69,11 @@ impl Hatch {
         Self::with(sides, [x_m, y_m].map(|limits| 0.5 * (limits[0] + limits[1])), thickness_m, nodes)
     }
 
+    /// Number of its wave numbers.
+    pub(super) fn frequencies(&self) -> usize {
+        self.at.len()
+    }
+
     /// The same with these functions along the sides about `centre_m`.
     fn with(sides: [SideFunctions; 2], centre_m: [f64; 2], thickness_m: f64, nodes: &[(f64, f64)]) -> Self {
         let modes = (thickness_m > 0.0).then(|| [0, 1].map(|side| sides[side].modes()));

@@ -24,6 +24,7 @@ pub mod slit;
 mod symmetric;
 pub mod tables;
 pub mod thick;
+pub mod timed;
 mod two_edges;
 pub mod utd;
 pub mod utd_opening;

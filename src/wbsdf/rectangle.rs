@@ -8,7 +8,7 @@
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -21,6 +21,7 @@ use super::rim::{NARROW_SIDE_KA, Rim, facing, gap_panels, only, shortest_over, s
 use super::series::Panels;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
 use super::thick::is_thick;
+use super::timed::{Cost, Timed};
 
 /// k times width of both sides up to which traced rays meet a small hole.
 const SMALL_HOLE_KA: f64 = 3.0;
@@ -86,9 +87,9 @@ pub struct Rectangle {
     /// What sources do in the exact rectangle, and how it sees receivers, by the bits of their coordinates.
     sources: Known<Driven>,
     receivers: Known<View>,
-    rim: OnceLock<Rim>,
+    rim: Timed<Rim>,
     /// An opening of the same corners that is small enough to be solved exactly, and what is known of points about it.
-    corner: OnceLock<Arc<Corner>>,
+    corner: Timed<Arc<Corner>>,
     corner_sources: Known<Driven>,
     corner_receivers: Known<View>,
     corners: Arc<Corners>,
@@ -194,8 +195,8 @@ impl Rectangle {
             exact,
             sources: Known::default(),
             receivers: Known::default(),
-            rim: OnceLock::new(),
-            corner: OnceLock::new(),
+            rim: Timed::default(),
+            corner: Timed::default(),
             corner_sources: Known::default(),
             corner_receivers: Known::default(),
             corners: Arc::default(),
@@ -276,7 +277,7 @@ impl Rectangle {
         if alone == 0.0 {
             return 1.0;
         }
-        let small = self.corner.get_or_init(|| {
+        let small = self.corner.get_or_make(|| {
             let small = solvable(sides, k, CORNER_UNKNOWNS);
             // Wide openings are thin; a gap keeps its width and its depth.
             let gap = small[0].min(small[1]) == sides[0].min(sides[1]);
@@ -317,7 +318,7 @@ impl Rectangle {
     }
 
     fn edges(&self) -> &Rim {
-        self.rim.get_or_init(|| Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum))
+        self.rim.get_or_make(|| Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum))
     }
 
     fn rim(&self, source: DVec3, receiver: DVec3) -> f64 {
@@ -330,6 +331,13 @@ impl Rectangle {
 
     fn see(&self, hatch: &Hatch, receiver: DVec3) -> Arc<View> {
         self.receivers.of(receiver, || hatch.view(receiver))
+    }
+
+    /// The frequencies at which it is solved exactly, and the seconds that its edges and its corners' small openings took.
+    pub fn cost(&self) -> Cost {
+        let frequencies = self.exact.as_ref().map_or(0, |(hatch, _)| hatch.frequencies());
+        let own = Cost { frequencies, seconds: self.rim.seconds() + self.corner.seconds() };
+        [own].into_iter().chain(self.parts.iter().map(Self::cost)).sum()
     }
 
     /// Drops what it knows of the points it has met.

@@ -14,6 +14,7 @@ use super::multipole::{Lit, Multipoles};
 use super::quadrature::RaySum;
 use super::tables::Solved;
 use super::thick::{ThickAperture, deep_share};
+use super::timed::{Cost, Timed};
 use super::two_edges::{edge_field, two_edges};
 use super::wedge::coherent;
 
@@ -168,7 +169,7 @@ pub struct BandApertures {
     nodes: Vec<(f64, Solver)>,
     openings: Vec<[f64; 2]>,
     thickness_m: f64,
-    multipoles: OnceLock<Option<Multipoles>>,
+    multipoles: Timed<Option<Multipoles>>,
 }
 
 /// An exact aperture, thin or deep, at one wave number.
@@ -201,7 +202,7 @@ impl BandApertures {
         let solver = |k: f64| Solver::new(mask, thickness_m, k, 1);
         let most = if openings.len() > FEW && thickness_m == 0.0 { MOST_OF_MANY } else { MOST_FREQUENCIES };
         let nodes = gauss_nodes(low, high, count.min(most)).map(|(k, weight)| (weight, solver(k))).collect();
-        Self { nodes, openings: openings.to_vec(), thickness_m, multipoles: OnceLock::new() }
+        Self { nodes, openings: openings.to_vec(), thickness_m, multipoles: Timed::default() }
     }
 
     /// What `incident` makes leave the openings, for many receivers; `None` if it is too near to one of them.
@@ -212,7 +213,7 @@ impl BandApertures {
     /// The same for receivers of this [`nearness`](super::multipole::nearness) and beyond.
     pub(super) fn light_for(&self, incident: &Incident, reach: usize) -> Option<Lit> {
         let make = || Multipoles::new(&self.openings, self.thickness_m, &self.nodes);
-        self.multipoles.get_or_init(make).as_ref()?.light(incident, reach)
+        self.multipoles.get_or_make(make).as_ref()?.light(incident, reach)
     }
 
     /// Band mean of the intensity relative to the source's free field at 1 m, solved for the source's field in the openings.
@@ -229,6 +230,11 @@ impl BandApertures {
             Some(self.sum(multipoles.mean(lit, &seen, crossing) * spread(mask, crossing)))
         };
         far().unwrap_or_else(|| self.intensity(mask, crossing))
+    }
+
+    /// Its frequencies, and the seconds that the waves about the openings took.
+    pub(super) fn cost(&self) -> Cost {
+        Cost { frequencies: self.nodes.len(), seconds: self.multipoles.seconds() }
     }
 
     fn sum(&self, value: f64) -> RaySum {

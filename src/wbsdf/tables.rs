@@ -7,13 +7,14 @@ use super::crossing::{Crossing, Incident, Spectrum};
 use super::mask::Mask;
 use super::multipole::{Lit, nearness};
 use super::slit::BandApertures;
+use super::timed::{Cost, Timed};
 
 /// The exact apertures of infinitely long openings in every band, and the fields that sources make leave them: each is made
 /// when it is first needed and then serves all pairs.
 pub struct SlitTables {
     mask: Mask,
     thickness_m: f64,
-    bands: Vec<(Spectrum, OnceLock<BandApertures>)>,
+    bands: Vec<(Spectrum, Timed<BandApertures>)>,
     sources: RwLock<HashMap<[u64; 4], Arc<LitBands>>>,
 }
 
@@ -36,7 +37,7 @@ pub struct Solved<'a> {
 impl SlitTables {
     /// For the openings of `mask` in a wall of `thickness_m`.
     pub fn new(mask: Mask, thickness_m: f64, spectra: &[Spectrum]) -> Self {
-        let bands = spectra.iter().map(|s| (*s, OnceLock::new())).collect();
+        let bands = spectra.iter().map(|s| (*s, Timed::default())).collect();
         Self { mask, thickness_m, bands, sources: RwLock::default() }
     }
 
@@ -74,10 +75,17 @@ impl SlitTables {
         self.sources.write().unwrap_or_else(PoisonError::into_inner).clear();
     }
 
+    /// What has been solved so far.
+    pub fn cost(&self) -> Cost {
+        let made = || self.bands.iter().map(|(_, apertures)| apertures);
+        let making = made().map(|apertures| Cost { frequencies: 0, seconds: apertures.seconds() });
+        making.chain(made().filter_map(Timed::get).map(BandApertures::cost)).sum()
+    }
+
     /// The apertures of a band and the field of `source` (at `incident`) behind them.
     pub fn band<'a>(&'a self, band: usize, source: &'a LitBands, incident: &Incident) -> Solved<'a> {
         let (spectrum, apertures) = &self.bands[band];
-        let apertures = apertures.get_or_init(|| BandApertures::new(&self.mask, self.thickness_m, spectrum, 1.0));
+        let apertures = apertures.get_or_make(|| BandApertures::new(&self.mask, self.thickness_m, spectrum, 1.0));
         Solved {
             apertures,
             lit: source.bands[band].get_or_init(|| apertures.light_for(incident, source.reach)).as_ref(),
