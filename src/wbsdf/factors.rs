@@ -226,6 +226,25 @@ fn folded(matrix: &DMatrix<f64>, sign: f64) -> DMatrix<f64> {
     DMatrix::from_vec(size, columns, values)
 }
 
+/// A mirrored matrix, [`folded`] along its rows and its columns.
+fn twice_folded(matrix: &DMatrix<Complex64>, sign: f64) -> Split {
+    let n = matrix.nrows();
+    let size = if sign > 0.0 { n - n / 2 } else { n / 2 };
+    let mut halves = [0, 1].map(|_| Vec::with_capacity(size * size));
+    let column = |j: usize| &matrix.as_slice()[j * n..j * n + size];
+    for j in 0..size {
+        for (i, (near, far)) in column(j).iter().zip(column(n - 1 - j)).enumerate() {
+            // Rows below the middle are those above, the row and the column in the middle count once.
+            let rows = if 2 * i + 1 == n { 1.0 } else { 2.0 };
+            let columns = if 2 * j + 1 == n { 0.5 } else { 1.0 };
+            let value = (near + sign * far) * (rows * columns);
+            halves[0].push(value.re);
+            halves[1].push(value.im);
+        }
+    }
+    halves.map(|values| DMatrix::from_vec(size, size, values))
+}
+
 /// The columns of `half` that are not zero within rounding: those of `whole`, of which it was folded, differ in size by many
 /// powers of ten.
 fn filled(half: &DMatrix<f64>, whole: &DMatrix<f64>) -> Vec<usize> {
@@ -240,12 +259,10 @@ fn filled(half: &DMatrix<f64>, whole: &DMatrix<f64>) -> Vec<usize> {
 impl Factors {
     /// Of a symmetric matrix. The equations are uniquely solvable.
     pub(super) fn new(matrix: &DMatrix<Complex64>, mirrored: bool) -> Self {
-        let whole = split(matrix);
-        if !mirrored {
-            return Self::Whole(Part::new(whole));
+        match mirrored {
+            true => Self::Mirrored(Part::new(twice_folded(matrix, 1.0)), Part::new(twice_folded(matrix, -1.0))),
+            false => Self::Whole(Part::new(split(matrix))),
         }
-        let part = |sign: f64| Part::new(whole.each_ref().map(|part| folded(&folded(part, sign).transpose(), sign)));
-        Self::Mirrored(part(1.0), part(-1.0))
     }
 
     /// `shapes`^T times the solutions for all of its columns: real and imaginary part.

@@ -196,9 +196,8 @@ impl BandApertures {
         // |p|^2 varies over the band like cos(k d), d at most twice the span and the depth: Gauss nodes converge
         // exponentially beyond a quarter of that phase.
         let smooth = 0.5 * (high - low) * (span + thickness_m);
-        // Below half a radian four nodes, which are followed side by side, leave 1e-6.
         let phase = Some(smooth + resonant(openings, thickness_m, low, high)).filter(|phase| *phase > 0.5);
-        let count = if high > low { 4 + phase.map_or(0, |phase| phase.ceil() as usize) } else { 1 };
+        let count = least_nodes(low, high) + phase.map_or(0, |phase| phase.ceil() as usize);
         let solver = |k: f64| Solver::new(mask, thickness_m, k, 1);
         let most = if openings.len() > FEW && thickness_m == 0.0 { MOST_OF_MANY } else { MOST_FREQUENCIES };
         let nodes = gauss_nodes(low, high, count.min(most)).map(|(k, weight)| (weight, solver(k))).collect();
@@ -335,6 +334,16 @@ pub(super) fn resonant(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: 
     // A wide gap sends back only modes near their cut-on, a share of 1/(k a) of the power.
     let share = (WIDE_GAP_KA / (first * narrowest)).min(1.0);
     3.0 * share * (high - low) * thickness_m / (first * narrowest).min(1.5)
+}
+
+/// Gauss nodes that leave 1e-6 of the mean over [low, high] of what has its singularity at 0: 4 for an octave, 3 for a third.
+fn least_nodes(low: f64, high: f64) -> usize {
+    if high <= low {
+        return 1;
+    }
+    // N nodes leave exp(-2 N acosh(x)) of it, the singularity at x half widths from the middle.
+    let x = (high + low) / (high - low);
+    (1e6_f64.ln() / (2.0 * x.acosh())).ceil() as usize
 }
 
 /// Largest rule that is kept once it is found.
