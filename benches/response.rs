@@ -50,6 +50,7 @@ fn reception(bands: &[Band]) -> Reception {
     let echogram = Echogram {
         bin_s: 0.005,
         bin_error: Vec::new(),
+        reflections_per_s3: None,
         energy: vec![bins; bands.len()],
         std_error: vec![0.0; bands.len()],
     };

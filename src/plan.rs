@@ -89,6 +89,8 @@ pub struct TracePart {
     pub bin_s: f64,
     /// Reverberation time (Eyring) in s of the slowest band that the length follows from, if the room is closed.
     pub reverberation_s: Option<f64>,
+    /// Volume in m^3 of the largest closed room of a source or probe.
+    pub volume_m3: Option<f64>,
 }
 
 /// What will be done for a scene.
@@ -383,7 +385,8 @@ fn trace_part(
         None => 4.0 * farthest(scene) / scene.air.speed_of_sound_m_s + 0.2,
     });
     let length_s = length.clamp(LENGTH_S[0], LENGTH_S[1]);
-    (Some(TracePart { why, length_s, bin_s: BIN_S, reverberation_s }), None)
+    let volume_m3 = rooms.iter().map(|(_, volume_m3)| *volume_m3).reduce(f64::max);
+    (Some(TracePart { why, length_s, bin_s: BIN_S, reverberation_s, volume_m3 }), None)
 }
 
 /// Longest Eyring reverberation time in s of any band, and volume in m^3, of each source's and probe's room if it is closed.

@@ -104,7 +104,9 @@ pub fn run_prepared(
         }
         None => None,
     };
-    let receptions = receptions(scene, early, traced.as_ref());
+    let volume_m3 = plan.traced.as_ref().and_then(|part| part.volume_m3);
+    let growth_per_s3 = volume_m3.map(|v| 4.0 * std::f64::consts::PI * scene.air.speed_of_sound_m_s.powi(3) / v);
+    let receptions = receptions(scene, early, traced.as_ref(), growth_per_s3);
     let closed = scene.openings.iter().any(|o| o.is_closed());
     warnings.extend(silent_warnings(&receptions, closed));
     let stop = match &traced {
@@ -126,14 +128,20 @@ fn early_sums(scene: &Scene, early: &[Early]) -> Vec<Vec<Vec<f64>>> {
     early.chunks(scene.probes.len().max(1)).map(of_source).collect()
 }
 
-fn receptions(scene: &Scene, early: Vec<Early>, traced: Option<&TraceOutcome>) -> Vec<Reception> {
+/// `growth_per_s3`: of the reflections a second, see [`Echogram::reflections_per_s3`].
+fn receptions(
+    scene: &Scene,
+    early: Vec<Early>,
+    traced: Option<&TraceOutcome>,
+    growth_per_s3: Option<f64>,
+) -> Vec<Reception> {
     let pairs = (0..scene.sources.len()).flat_map(|s| (0..scene.probes.len()).map(move |p| (s, p)));
     pairs
         .zip(early)
         .map(|((s, p), early)| {
             let echogram = traced
                 .and_then(|t| t.traced.iter().find(|t| t.source == s && t.probe == p))
-                .map(|t| t.echogram.clone());
+                .map(|t| Echogram { reflections_per_s3: growth_per_s3, ..t.echogram.clone() });
             let levels = levels(scene, &early, echogram.as_ref());
             Reception {
                 source: scene.sources[s].name.clone(),

@@ -76,6 +76,7 @@ fn reception(source: &str, probe: &str, std_error_db: f64, db: impl Fn(usize) ->
         echogram: Some(Echogram {
             bin_s: 0.001,
             bin_error: Vec::new(),
+            reflections_per_s3: None,
             energy: vec![vec![0.0]; 8],
             std_error: vec![0.0; 8],
         }),

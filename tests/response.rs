@@ -70,7 +70,7 @@ fn decay(energy: &[f64], t60_s: &[f64], start_s: f64, noise: f64) -> Echogram {
             e
         })
         .collect::<Vec<_>>();
-    Echogram { bin_s, bin_error: Vec::new(), std_error: vec![0.0; energy.len()], energy }
+    Echogram { bin_s, bin_error: Vec::new(), reflections_per_s3: None, std_error: vec![0.0; energy.len()], energy }
 }
 
 fn rendered(reception: &Reception, bands: &[Band], options: &RenderOptions) -> Response {
@@ -286,8 +286,13 @@ fn negative_bins_keep_the_band_energy() {
 #[test]
 fn nothing_precedes_the_first_arrival_and_the_late_part_follows_its_echogram() {
     let bands = octaves(63.0, 8000.0);
-    let mut late =
-        Echogram { bin_s: 0.005, bin_error: Vec::new(), energy: vec![vec![0.0; 100]; 8], std_error: vec![0.0; 8] };
+    let mut late = Echogram {
+        bin_s: 0.005,
+        bin_error: Vec::new(),
+        reflections_per_s3: None,
+        energy: vec![vec![0.0; 100]; 8],
+        std_error: vec![0.0; 8],
+    };
     late.energy.iter_mut().for_each(|bins| bins[20..40].fill(0.001));
     let reception = reception(&bands, vec![], Some(late));
     let response = rendered(&reception, &bands, &OPTIONS);
@@ -302,6 +307,45 @@ fn nothing_precedes_the_first_arrival_and_the_late_part_follows_its_echogram() {
     // Random signs have the same energy everywhere, so the halves agree within the few low-frequency beats.
     let half = energy(0.1, 0.15) / all;
     assert!((half - 0.5).abs() < 0.05, "{half}");
+}
+
+#[test]
+fn reflections_become_denser_as_the_volume_of_the_room_says() {
+    // A hall of 10,000 m^3: 4 pi c^3 t^2/V = 507 reflections a second after 0.1 s, 2028 after 0.2 s, more than samples after 1 s.
+    let bands = octaves(63.0, 8000.0);
+    let growth = 4.0 * std::f64::consts::PI * 343.0_f64.powi(3) / 10_000.0;
+    let mut late = decay(&[0.01; 8], &[2.0; 8], 0.05, 0.0);
+    late.reflections_per_s3 = Some(growth);
+    let hall = reception(&bands, vec![], Some(late));
+    let response = rendered(&hall, &bands, &OPTIONS);
+    assert!(worst_db(&band_means(&response.samples, RATE, &bands), &hall) < 0.05);
+    // Pulses of the same height: all of a time have the same power together.
+    let at = |n: usize| n as f64 / f64::from(RATE);
+    let pulses = |from: usize, to: usize| -> Vec<f64> {
+        let decay = |t: f64| (3.0 * std::f64::consts::LN_10 * t / 2.0).exp();
+        (from..to).map(|n| f64::from(response.samples[n]).abs() * at(n) * decay(at(n))).collect()
+    };
+    let early = pulses(4800, 9600);
+    let mut sorted = early.clone();
+    sorted.sort_by(f64::total_cmp);
+    let threshold = 0.4 * sorted[sorted.len() - 100];
+    let (mut count, mut last) = (0, None);
+    for (n, _) in early.iter().enumerate().filter(|(_, p)| **p > threshold) {
+        count += usize::from(last.is_none_or(|last| n > last + 10));
+        last = Some(n);
+    }
+    let expected = growth * (at(9600).powi(3) - at(4800).powi(3)) / 3.0;
+    println!("{count} pulses, {expected:.0} expected");
+    // Some overlap, some ring.
+    assert!((count as f64 / expected - 1.0).abs() < 0.15, "{count}, {expected}");
+    // Single pulses stand out, noise of random signs has a kurtosis of 3 at most.
+    let kurtosis = |values: &[f64]| {
+        let moment = |n: i32| values.iter().map(|v| v.powi(n)).sum::<f64>() / values.len() as f64;
+        moment(4) / moment(2).powi(2)
+    };
+    let (early, dense) = (kurtosis(&early), kurtosis(&pulses(48_000, 57_600)));
+    println!("kurtosis {early:.2}, then {dense:.2}");
+    assert!(early > 8.0 && dense < 3.2, "{early}, {dense}");
 }
 
 #[test]
@@ -332,7 +376,13 @@ fn silence_is_a_valid_response() {
     let bands = octaves(63.0, 8000.0);
     for late in [
         None,
-        Some(Echogram { bin_s: 0.01, bin_error: Vec::new(), energy: vec![vec![0.0; 10]; 8], std_error: vec![0.0; 8] }),
+        Some(Echogram {
+            bin_s: 0.01,
+            bin_error: Vec::new(),
+            reflections_per_s3: None,
+            energy: vec![vec![0.0; 10]; 8],
+            std_error: vec![0.0; 8],
+        }),
     ] {
         let reception = reception(&bands, vec![], late);
         let response = rendered(&reception, &bands, &OPTIONS);

@@ -31,8 +31,13 @@ fn reception(paths: &[(f64, f64, DVec3)], late: f64, t60_s: f64) -> Reception {
         .collect();
     let rate = SIXTY_DB / t60_s;
     let bins = (0..(1200.0 * t60_s) as usize).map(|i| late * (-rate * 1e-3 * i as f64).exp() * rate * 1e-3);
-    let echogram =
-        Echogram { bin_s: 1e-3, energy: vec![bins.collect(); 8], bin_error: Vec::new(), std_error: vec![0.0; 8] };
+    let echogram = Echogram {
+        bin_s: 1e-3,
+        energy: vec![bins.collect(); 8],
+        bin_error: Vec::new(),
+        reflections_per_s3: None,
+        std_error: vec![0.0; 8],
+    };
     let early: f64 = paths.iter().map(|p| p.intensity[0]).sum();
     let intensity = early + echogram.energy[0].iter().sum::<f64>();
     let level = |band: Band| BandLevel {
@@ -107,12 +112,12 @@ fn the_file_says_what_it_is() {
 
 #[test]
 fn the_response_has_the_parameters_of_its_echogram() {
-    // Just noticeable differences of ISO 3382-1; T30 within 2 %. From 500 Hz on, where an octave by 1 s holds enough noise.
+    // Just noticeable differences of ISO 3382-1 from 500 Hz on; T30 within 2 % from 125 Hz on.
     for (direct, late, t60_s) in [(0.01, 0.05, 1.0), (0.05, 0.05, 0.6), (0.002, 0.1, 1.8)] {
         let reception = reception(&[(0.02, direct, DVec3::X)], late, t60_s);
         let response = rendered(&reception, ProbeFormat::Omni);
         let pairs = metrics(&reception, &bands()).into_iter().zip(response_metrics(&reception, &response, &bands()));
-        for (a, b) in pairs.skip(3) {
+        for (a, b) in pairs.skip(1) {
             let of = |x: Option<f64>| x.unwrap_or(f64::NAN);
             let ratio = |a: Option<f64>, b: Option<f64>| (of(b) / of(a) - 1.0).abs();
             let apart = |a: Option<f64>, b: Option<f64>| (of(b) - of(a)).abs();
@@ -128,6 +133,9 @@ fn the_response_has_the_parameters_of_its_echogram() {
                 apart(a.g_db, b.g_db)
             );
             assert!(ratio(a.t30.seconds, b.t30.seconds) <= 0.02, "{} Hz: {:?} {:?}", a.band_hz, a.t30, b.t30);
+            if a.band_hz < 500.0 {
+                continue;
+            }
             assert!(ratio(a.t20.seconds, b.t20.seconds) <= 0.05, "{} Hz: {:?} {:?}", a.band_hz, a.t20, b.t20);
             assert!(apart(a.c80_db, b.c80_db) <= 1.0 && apart(a.c50_db, b.c50_db) <= 1.0, "{} Hz", a.band_hz);
             assert!(apart(a.d50, b.d50) <= 0.05 && apart(a.ts_s, b.ts_s) <= 0.01, "{} Hz", a.band_hz);

@@ -46,7 +46,13 @@ fn reception(bands: &[Band], direct: Option<(f64, f64)>, energy: Vec<Vec<f64>>) 
         })
         .collect();
     let std_error = vec![0.0; energy.len()];
-    let echogram = (!energy.is_empty()).then_some(Echogram { bin_s: BIN_S, bin_error: Vec::new(), energy, std_error });
+    let echogram = (!energy.is_empty()).then_some(Echogram {
+        bin_s: BIN_S,
+        bin_error: Vec::new(),
+        reflections_per_s3: None,
+        energy,
+        std_error,
+    });
     Reception { source: "s".into(), probe: "p".into(), paths, echogram, levels }
 }
 

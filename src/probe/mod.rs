@@ -63,6 +63,9 @@ pub struct Echogram {
     pub bin_error: Vec<Vec<f64>>,
     /// Standard error of the sum over all bins, one a band.
     pub std_error: Vec<f64>,
+    /// Reflections a second, divided by the square of the time since emission: 4 pi c^3/V in a room of the volume V, whatever its shape
+    /// (Kuttruff, Room Acoustics, on image sources); `None` where there is no closed room.
+    pub reflections_per_s3: Option<f64>,
 }
 
 /// Everything one probe received from one source.

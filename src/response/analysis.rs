@@ -11,8 +11,8 @@ use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
 
 use super::energy::EnergyCurve;
-use super::late::smooth_length;
 use super::metrics::{Metrics, of_curve};
+use super::noise::smooth_length;
 use super::{Response, earliest_shift_s};
 use crate::probe::Reception;
 use crate::scene::{Band, Spacing, bands_between};

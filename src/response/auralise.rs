@@ -7,7 +7,7 @@ use rubato::audioadapter_buffers::owned::InterleavedOwned;
 use rubato::{Fft, FixedSync, Resampler};
 
 use super::Response;
-use super::late::smooth_length;
+use super::noise::smooth_length;
 use crate::error::{Error, Result};
 
 /// Frames that the resampler takes at a time.

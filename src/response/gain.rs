@@ -5,12 +5,14 @@
 //! restores the white mean of |H|^2 over each band, and as far as it can what the Butterworth filters of IEC 61260-1
 //! class 1 measure of it; times of arrival stay. Of all such gains it is the one with the least curvature.
 
-use nalgebra::{DMatrix, DVector};
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex64;
+use std::sync::Arc;
 
-use super::late::smooth_length;
-use super::spectrum::{Between, SILENT_LN, Shaper, between_hz, fade, minimum_phase};
+use nalgebra::{DMatrix, DVector};
+use realfft::num_complex::Complex64;
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+
+use super::noise::smooth_length;
+use super::spectrum::{Between, SILENT_LN, Shaper, between_bins, between_hz, fade, minimum_phase};
 use crate::scene::Band;
 
 /// Remaining error in dB of a band's white mean and of its filtered ones at which the iteration stops.
@@ -26,8 +28,9 @@ const FILTER_ORDERS: [i32; 2] = [3, 4];
 const PIECES: f64 = 64.0;
 /// Distance of the gain's support points in octaves.
 const SUPPORT_OCTAVES: f64 = 0.25;
-/// Weights of white means, of filtered means and of the gain's curvature in the least squares.
-const WEIGHTS: [f64; 3] = [30.0, 2.0, 0.03];
+/// Weights of white means, of filtered means, of the gain's curvature and of its size in the least squares: without the last one a
+/// correction of one band sways its neighbours.
+const WEIGHTS: [f64; 4] = [30.0, 2.0, 0.03, 0.03];
 /// Ratio of frequencies outside the bands over which the gain returns to 1: nobody knows the energy there, so that the plain
 /// sum of pressures stays.
 const OUTSIDE: f64 = std::f64::consts::SQRT_2;
@@ -35,6 +38,9 @@ const OUTSIDE: f64 = std::f64::consts::SQRT_2;
 const UNCORRECTED: f64 = 1e6;
 /// Largest gain or loss, in nepers of amplitude (about 52 dB).
 const LIMIT: f64 = 6.0;
+
+/// Least and greatest factor on the noise of a band.
+const FACTORS: [f64; 2] = [0.5, 2.0];
 
 /// One mean of |H|^2 over frequency, as weights of consecutive bins.
 struct Mean {
@@ -161,121 +167,224 @@ impl Mean {
     }
 }
 
-/// Gives the first channel the band means of |H|^2 in `target` (one a band of the shaper; 0: the band is silenced), and the others
-/// the same gain. Returns the
-/// remaining error of each band's white mean in dB: 0 where silence was asked for, -infinite where there was nothing to
-/// amplify.
-pub(super) fn match_bands(
-    channels: &mut [Vec<f64>],
-    target: &[f64],
-    shaper: &mut Shaper<'_>,
-    planner: &mut RealFftPlanner<f64>,
-) -> Vec<f64> {
-    let length = channels[0].len();
-    let meter = Meter::new(shaper, length);
-    let (forward, inverse) = (planner.plan_fft_forward(meter.grid), planner.plan_fft_inverse(meter.grid));
-    let mut time = vec![0.0; meter.grid];
-    let mut raw = forward.make_output_vec();
-    time[..length].copy_from_slice(&channels[0]);
-    // Buffers have the plan's own lengths, the only thing the transforms can object to.
-    let done = forward.process(&mut time, &mut raw);
-    debug_assert!(done.is_ok());
+/// What finds gains for samples of one length.
+pub(super) struct Matcher<'a> {
+    meter: Meter<'a>,
+    /// Support points of the gain in Hz.
+    nodes_hz: Vec<f64>,
+    /// Places of the pieces and of the bins between them.
+    pieces: Vec<Between>,
+    bins: Vec<Between>,
+    forward: Arc<dyn RealToComplex<f64>>,
+    inverse: Arc<dyn ComplexToReal<f64>>,
+}
 
-    let silent: Vec<bool> = target.iter().map(|t| *t <= 0.0).collect();
-    let step = meter.sample_rate_hz / meter.grid as f64;
-    let fades: Option<Vec<f64>> =
-        silent.contains(&true).then(|| (0..raw.len()).map(|k| fade(meter.bands, &silent, k as f64 * step)).collect());
-    for (h, f) in raw.iter_mut().zip(fades.iter().flatten()) {
-        *h *= f;
-    }
-    let means = meter.means(&raw);
-    let mut worst = Worst::of(&means, target);
-    let loud = |m: &Mean| target[m.band] > 0.0 && m.value() > 0.0;
-    if !silent.contains(&true) && (worst.is_met() || !means.iter().any(loud)) {
-        return worst.white_db;
+/// A gain that gives a response its band energies.
+struct Gain {
+    /// Response at the bins over the transform's length; empty where there is nothing to change.
+    filter: Vec<Complex64>,
+    /// The samples with the gain.
+    samples: Vec<f64>,
+    /// Remaining error of each band's white mean in dB: 0 where silence was asked for, -infinite where there was nothing to
+    /// amplify.
+    errors_db: Vec<f64>,
+}
+
+impl<'a> Matcher<'a> {
+    pub(super) fn new(shaper: &Shaper<'a>, length: usize, planner: &mut RealFftPlanner<f64>) -> Self {
+        let meter = Meter::new(shaper, length);
+        let nodes_hz = support(meter.bands);
+        let step_hz = meter.sample_rate_hz / meter.grid as f64;
+        Self {
+            pieces: meter.piece_hz.iter().map(|hz| between_hz(&nodes_hz, *hz)).collect(),
+            bins: between_bins(&nodes_hz, step_hz, meter.grid / 2 + 1),
+            nodes_hz,
+            forward: planner.plan_fft_forward(meter.grid),
+            inverse: planner.plan_fft_inverse(meter.grid),
+            meter,
+        }
     }
 
-    let nodes_hz = support(meter.bands);
-    let places: Vec<Between> = meter.piece_hz.iter().map(|hz| between_hz(&nodes_hz, *hz)).collect();
-    let bins: Vec<Between> = (0..raw.len()).map(|k| between_hz(&nodes_hz, k as f64 * step)).collect();
-    let mut wanted: Vec<Option<f64>> = means.iter().map(|m| loud(m).then(|| target[m.band].ln())).collect();
-    let mut ln_gain = vec![0.0; nodes_hz.len()];
-    let mut best: Option<(Worst, Vec<f64>, Vec<Complex64>)> = None;
-    let mut gains = vec![Complex64::ZERO; raw.len()];
-    let mut spectrum = raw.clone();
-    for _ in 0..16 {
-        fit(&means, &wanted, &places, &mut ln_gain);
-        let (coarse, share) = shaper.gain_phase(&silent, |hz| between_hz(&nodes_hz, hz).of(&ln_gain));
-        let ratio = shaper.length() as f64 / meter.grid as f64;
-        // The flanks of a silent band are too steep for the pulse grid.
-        let fine = fades.as_ref().map(|fades| {
-            let ln = bins.iter().zip(fades).map(|(b, f)| b.of(&ln_gain) + f.ln().max(SILENT_LN));
-            minimum_phase(&ln.collect::<Vec<_>>(), &forward, &inverse)
-        });
-        for (k, (s, r)) in spectrum.iter_mut().zip(&raw).enumerate() {
-            let angle = match &fine {
-                Some(fine) => share * fine[k],
-                None => {
+    /// The gain that gives `samples` the band means of |H|^2 in `target` (one a band; 0: the band is silenced).
+    fn matching(&self, samples: &[f64], target: &[f64], shaper: &mut Shaper<'_>) -> Gain {
+        let mut raw = self.spectrum(samples);
+        let silent: Vec<bool> = target.iter().map(|t| *t <= 0.0).collect();
+        let step = self.meter.sample_rate_hz / self.meter.grid as f64;
+        let fades: Option<Vec<f64>> = silent
+            .contains(&true)
+            .then(|| (0..raw.len()).map(|k| fade(self.meter.bands, &silent, k as f64 * step)).collect());
+        for (h, f) in raw.iter_mut().zip(fades.iter().flatten()) {
+            *h *= f;
+        }
+        let means = self.meter.means(&raw);
+        let worst = Worst::of(&means, target);
+        let mut best = Gain { filter: Vec::new(), samples: samples.to_vec(), errors_db: worst.white_db.clone() };
+        let loud = |m: &Mean| target[m.band] > 0.0 && m.value() > 0.0;
+        if !silent.contains(&true) && (worst.is_met() || !means.iter().any(loud)) {
+            return best;
+        }
+
+        let mut wanted: Vec<Option<f64>> = means.iter().map(|m| loud(m).then(|| target[m.band].ln())).collect();
+        let mut ln_gain = vec![0.0; self.nodes_hz.len()];
+        let mut least = f64::INFINITY;
+        for _ in 0..16 {
+            fit(&means, &wanted, &self.pieces, &mut ln_gain);
+            let filter = self.filter(&ln_gain, &silent, fades.as_deref(), shaper);
+            let mut spectrum: Vec<Complex64> = raw.iter().zip(&filter).map(|(r, f)| r * f).collect();
+            // What rings past either end of the response is cut off; then the loss is measured and made good.
+            let result = self.samples(&mut spectrum, samples.len());
+            let reached = self.meter.means(&self.spectrum(&result));
+            let worst = Worst::of(&reached, target);
+            for (w, m) in wanted.iter_mut().zip(&reached) {
+                // Means are pressed no harder than needed: each press bends the gain further.
+                let error_db = m.error_db(target);
+                let pressed = m.value() > 0.0 && error_db.abs() > GOALS_DB[usize::from(m.filtered)];
+                let tolerated_db = TOLERATED_DB[usize::from(m.filtered)];
+                if let Some(w) = w.as_mut().filter(|_| pressed) {
+                    *w -= (error_db - error_db.clamp(-tolerated_db, tolerated_db)) * NEPERS_PER_DB;
+                }
+            }
+            let met = worst.is_met();
+            if worst.score < least {
+                least = worst.score;
+                best = Gain { filter, samples: result, errors_db: worst.white_db };
+            }
+            if met {
+                break;
+            }
+        }
+        for (g, f) in best.filter.iter_mut().zip(fades.iter().flatten()) {
+            *g *= f;
+        }
+        best
+    }
+
+    /// ln of the gain, at its support points, that gives the response with this spectrum the means in `target`; `None` where it has them.
+    pub(super) fn fitted(&self, spectrum: &[Complex64], target: &[f64]) -> Option<Vec<f64>> {
+        let means = self.meter.means(spectrum);
+        if Worst::of(&means, target).is_met() {
+            return None;
+        }
+        let loud = |m: &Mean| target[m.band] > 0.0 && m.value() > 0.0;
+        let wanted: Vec<Option<f64>> = means.iter().map(|m| loud(m).then(|| target[m.band].ln())).collect();
+        let mut ln_gain = vec![0.0; self.nodes_hz.len()];
+        fit(&means, &wanted, &self.pieces, &mut ln_gain);
+        Some(ln_gain)
+    }
+
+    /// Applies a gain to the samples with this spectrum and gives them.
+    pub(super) fn apply(
+        &self,
+        ln_gain: &[f64],
+        spectrum: &mut [Complex64],
+        samples: &mut Vec<f64>,
+        shaper: &mut Shaper<'_>,
+    ) {
+        let silent = vec![false; self.meter.bands.len()];
+        let filter = self.filter(ln_gain, &silent, None, shaper);
+        let scale = self.meter.grid as f64;
+        let mut scaled: Vec<Complex64> = spectrum.iter().zip(&filter).map(|(s, f)| s * f).collect();
+        spectrum.iter_mut().zip(&scaled).for_each(|(s, filtered)| *s = filtered * scale);
+        *samples = self.samples(&mut scaled, samples.len());
+    }
+
+    /// Response of a gain, of minimum phase, at the bins over the transform's length; `fades` are left to the caller but for their phase.
+    fn filter(
+        &self,
+        ln_gain: &[f64],
+        silent: &[bool],
+        fades: Option<&[f64]>,
+        shaper: &mut Shaper<'_>,
+    ) -> Vec<Complex64> {
+        let (coarse, share) = shaper.gain_phase(silent, |hz| between_hz(&self.nodes_hz, hz).of(ln_gain));
+        let amplitudes = self.bins.iter().map(|place| place.of(ln_gain).exp() / self.meter.grid as f64);
+        match fades {
+            // The flanks of a silent band are too steep for the pulse grid.
+            Some(fades) => {
+                let ln = self.bins.iter().zip(fades).map(|(place, f)| place.of(ln_gain) + f.ln().max(SILENT_LN));
+                let fine = minimum_phase(&ln.collect::<Vec<_>>(), &self.forward, &self.inverse);
+                amplitudes.zip(fine).map(|(a, angle)| Complex64::from_polar(a, share * angle)).collect()
+            }
+            None => {
+                let ratio = shaper.length() as f64 / self.meter.grid as f64;
+                let turned = |(k, a): (usize, f64)| {
                     let position = k as f64 * ratio;
                     let cell = (position as usize).min(coarse.len() - 2);
-                    coarse[cell] + (position - cell as f64) * (coarse[cell + 1] - coarse[cell])
-                }
-            };
-            gains[k] = Complex64::from_polar(bins[k].of(&ln_gain).exp() / meter.grid as f64, angle);
-            *s = r * gains[k];
+                    let angle = coarse[cell] + (position - cell as f64) * (coarse[cell + 1] - coarse[cell]);
+                    Complex64::from_polar(a, angle)
+                };
+                amplitudes.enumerate().map(turned).collect()
+            }
         }
+    }
+
+    /// A gain at the frequencies 0, `step_hz`, 2 `step_hz`, ...
+    pub(super) fn at_bins(&self, ln_gain: &[f64], step_hz: f64, bins: usize) -> Vec<f64> {
+        between_bins(&self.nodes_hz, step_hz, bins).iter().map(|place| place.of(ln_gain).exp()).collect()
+    }
+
+    /// Gives the first channel the band means of |H|^2 in `target`, and the others the same gain. Returns the remaining errors in dB.
+    pub(super) fn match_bands(&self, channels: &mut [Vec<f64>], target: &[f64], shaper: &mut Shaper<'_>) -> Vec<f64> {
+        let gain = self.matching(&channels[0], target, shaper);
+        for samples in channels[1..].iter_mut().filter(|_| !gain.filter.is_empty()) {
+            let mut spectrum = self.spectrum(samples);
+            spectrum.iter_mut().zip(&gain.filter).for_each(|(s, gain)| *s *= gain);
+            *samples = self.samples(&mut spectrum, samples.len());
+        }
+        channels[0] = gain.samples;
+        gain.errors_db
+    }
+
+    /// Factors, one a band, on noise that give it the white means in `target` together with early sound, about 1; and both together then.
+    pub(super) fn joined(
+        &self,
+        early: &[Complex64],
+        noise: &[Complex64],
+        target: &[f64],
+    ) -> (Vec<f64>, Vec<Complex64>) {
+        let own: Vec<f64> = noise.iter().map(|n| n.norm_sqr()).collect();
+        let beside: Vec<f64> = early.iter().map(|e| e.norm_sqr()).collect();
+        let cross: Vec<f64> = early.iter().zip(noise).map(|(e, n)| e.re * n.re + e.im * n.im).collect();
+        let factor = |(b, target): (usize, &f64)| {
+            let [own, beside, cross] = [&own, &beside, &cross].map(|power| self.meter.white_mean(b, power).value());
+            let root = (cross * cross + own * (target - beside)).max(0.0).sqrt();
+            if own > 0.0 { ((root - cross) / own).clamp(FACTORS[0], FACTORS[1]) } else { 1.0 }
+        };
+        let factors: Vec<f64> = target.iter().enumerate().map(factor).collect();
+        let step_hz = self.meter.sample_rate_hz / self.meter.grid as f64;
+        let mut whole = early.to_vec();
+        let mut from = 0;
+        for (b, factor) in factors.iter().enumerate() {
+            let last = b + 1 == factors.len();
+            let to = if last { whole.len() } else { (self.meter.bands[b].high_hz / step_hz) as usize };
+            whole[from..to].iter_mut().zip(&noise[from..to]).for_each(|(sum, n)| *sum += n * *factor);
+            from = to;
+        }
+        (factors, whole)
+    }
+
+    /// Spectrum of samples of the length that it is for.
+    pub(super) fn spectrum(&self, samples: &[f64]) -> Vec<Complex64> {
+        let mut time = samples.to_vec();
+        time.resize(self.meter.grid, 0.0);
+        let mut spectrum = self.forward.make_output_vec();
+        // Buffers have the plan's own lengths, the only thing the transforms can object to.
+        let done = self.forward.process(&mut time, &mut spectrum);
+        debug_assert!(done.is_ok());
+        spectrum
+    }
+
+    /// The first `length` samples of a spectrum over the transform's length.
+    fn samples(&self, spectrum: &mut [Complex64], length: usize) -> Vec<f64> {
         spectrum[0].im = 0.0;
         if let Some(last) = spectrum.last_mut() {
             last.im = 0.0;
         }
-        let done = inverse.process(&mut spectrum, &mut time);
+        let mut time = self.inverse.make_output_vec();
+        let done = self.inverse.process(spectrum, &mut time);
         debug_assert!(done.is_ok());
-        // What rings past either end of the response is cut off; then the loss is measured and made good.
-        time[length..].fill(0.0);
-        let result = time[..length].to_vec();
-        let done = forward.process(&mut time, &mut spectrum);
-        debug_assert!(done.is_ok());
-        let reached = meter.means(&spectrum);
-        worst = Worst::of(&reached, target);
-        for (w, m) in wanted.iter_mut().zip(&reached) {
-            // Means are pressed no harder than needed: each press bends the gain further.
-            let error_db = m.error_db(target);
-            let pressed = m.value() > 0.0 && error_db.abs() > GOALS_DB[usize::from(m.filtered)];
-            let tolerated_db = TOLERATED_DB[usize::from(m.filtered)];
-            if let Some(w) = w.as_mut().filter(|_| pressed) {
-                *w -= (error_db - error_db.clamp(-tolerated_db, tolerated_db)) * NEPERS_PER_DB;
-            }
-        }
-        let done = worst.is_met();
-        if best.as_ref().is_none_or(|(b, ..)| worst.score < b.score) {
-            best = Some((worst, result, gains.clone()));
-        }
-        if done {
-            break;
-        }
-    }
-    match best {
-        Some((worst, result, gains)) => {
-            channels[0] = result;
-            for samples in &mut channels[1..] {
-                time[..length].copy_from_slice(samples);
-                time[length..].fill(0.0);
-                let done = forward.process(&mut time, &mut spectrum);
-                debug_assert!(done.is_ok());
-                for (k, (s, gain)) in spectrum.iter_mut().zip(&gains).enumerate() {
-                    *s *= gain * fades.as_ref().map_or(1.0, |f| f[k]);
-                }
-                spectrum[0].im = 0.0;
-                if let Some(last) = spectrum.last_mut() {
-                    last.im = 0.0;
-                }
-                let done = inverse.process(&mut spectrum, &mut time);
-                debug_assert!(done.is_ok());
-                samples.copy_from_slice(&time[..length]);
-            }
-            worst.white_db
-        }
-        None => vec![0.0; target.len()],
+        time.truncate(length);
+        time
     }
 }
 
@@ -395,15 +504,13 @@ fn normal_equations(means: &[Mean], wanted: &[Option<f64>], places: &[Between], 
         right.axpy(weight * missing, &slope, 1.0);
         cost += weight * missing * missing;
     }
-    // The smoothness of the whole gain, not of the step; the small diagonal keeps the matrix regular.
+    // Size and smoothness of the whole gain, not of the step.
     let weight = WEIGHTS[2].powi(2);
     for i in 0..n {
-        matrix[(i, i)] += 1e-6 * weight;
-        if i == 0 || i + 1 == n {
-            matrix[(i, i)] += UNCORRECTED;
-            right[i] -= UNCORRECTED * ln_gain[i];
-            cost += UNCORRECTED * ln_gain[i] * ln_gain[i];
-        }
+        let size = if i == 0 || i + 1 == n { UNCORRECTED } else { WEIGHTS[3].powi(2) };
+        matrix[(i, i)] += size;
+        right[i] -= size * ln_gain[i];
+        cost += size * ln_gain[i] * ln_gain[i];
         if i > 0 && i + 1 < n {
             let bend = ln_gain[i - 1] - 2.0 * ln_gain[i] + ln_gain[i + 1];
             cost += weight * bend * bend;

@@ -11,20 +11,23 @@
 //!    known; below the lowest and above the highest band centre the value there is held, to 0 Hz and to half the sample rate. The phase is the minimum phase
 //!    (nothing before the arrival but the band limit's own ripple), reduced where the peak would otherwise be more than one
 //!    sample late. Equal intensities in all bands give a pure delayed impulse.
-//! 2. Late part: noise shaped by the echogram band by band; see the `late` module. It starts with the echogram, is held an
+//! 2. Late part: noise shaped by the echogram band by band; see the `noise` module. It starts with the echogram, is held an
 //!    octave below the lowest band and half an octave above the highest, and fades out beyond.
-//! 3. A smooth minimum-phase gain makes the band energies of the sum those of [`Reception::levels`], because pressures
-//!    interfere where intensities add. A band with intensity 0 is silenced.
+//! 3. A smooth minimum-phase gain on the early part, and factors on the noise (see the `late` module), make the band energies of the
+//!    sum those of [`Reception::levels`], because pressures interfere where intensities add. A band with intensity 0 is silenced.
 
 mod analysis;
 mod auralise;
 mod balance;
 mod directional;
 mod energy;
+mod envelope;
 mod gain;
 mod late;
 pub mod metrics;
+mod noise;
 mod spectrum;
+mod steady;
 
 use std::path::Path;
 
@@ -37,8 +40,9 @@ pub use metrics::{DecayTime, Metrics, metrics};
 use crate::error::{Error, Result, Warning};
 use crate::probe::Reception;
 use crate::scene::{Band, ProbeFormat};
-use balance::{Balance, sum};
 use energy::EnergyCurve;
+use gain::Matcher;
+use noise::TimeAxis;
 use spectrum::{Shaper, between_hz, centres_hz, ln_magnitude};
 
 /// Time in s that a response lasts beyond its last sound, for the lowest band's pulse and for a filter to ring down.
@@ -242,26 +246,11 @@ pub fn render(
         // Band levels are those of the pressure; the other channels go through the same gain.
         let errors = if curves.iter().any(|c| c.remaining_in_bins(0.0) > 0.0) {
             match_early(reception, &mut channels, (end_s, shift_s), &mut shaper, &mut planner);
-            let early = channels[0].clone();
-            let axis = late::TimeAxis { sample_rate_hz: rate, length, shift_s };
-            let balance = Balance::new(&curves, bands, axis, &mut planner);
-            let mut noise = Vec::new();
-            for (c, samples) in channels.iter_mut().enumerate() {
-                let mut layers = late::noise(reception, &curves, bands, axis, (options.seed, c), &mut planner);
-                balance.balance(&mut layers, samples);
-                // Rays do not tell their direction: late sound comes evenly from everywhere, so that the harmonics are
-                // independent and have the mean power 1/(2 l + 1).
-                let share = 1.0 / ((2 * directional::degree(c) + 1) as f64).sqrt();
-                samples.iter_mut().zip(sum(&layers, length)).for_each(|(sum, n)| *sum += share * n);
-                if c == 0 {
-                    noise = layers;
-                }
-            }
-            gain::match_bands(&mut channels, &target, &mut shaper, &mut planner);
-            balance.make_up(&mut channels[0], early, &noise);
-            gain::match_bands(&mut channels, &target, &mut shaper, &mut planner)
+            let axis = TimeAxis { sample_rate_hz: rate, length, shift_s };
+            let late = (reception, &curves[..]);
+            late::join(&mut channels, late, (axis, options.seed), &target, &mut shaper, &mut planner)
         } else {
-            gain::match_bands(&mut channels, &target, &mut shaper, &mut planner)
+            Matcher::new(&shaper, length, &mut planner).match_bands(&mut channels, &target, &mut shaper)
         };
         for (band, error) in bands.iter().zip(errors).filter(|(_, e)| e.is_nan() || e.abs() > REPORTED_DB) {
             warnings.push(Warning {
@@ -363,7 +352,7 @@ fn match_early(
     // Room for the gain to ring.
     let used = (used + shaper.length() / 2).min(length);
     channels.iter_mut().for_each(|samples| samples.truncate(used));
-    gain::match_bands(channels, &target, shaper, planner);
+    Matcher::new(shaper, used, planner).match_bands(channels, &target, shaper);
     channels.iter_mut().for_each(|samples| samples.resize(length, 0.0));
 }
 

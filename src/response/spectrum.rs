@@ -47,6 +47,24 @@ pub(super) fn between_hz(points_hz: &[f64], hz: f64) -> Between {
     Between { point, next, share }
 }
 
+/// Places of the frequencies 0, `step_hz`, 2 `step_hz`, ... (`bins` of them) between support points, as [`between_hz`].
+pub(super) fn between_bins(points_hz: &[f64], step_hz: f64, bins: usize) -> Vec<Between> {
+    let mut places = Vec::with_capacity(bins);
+    for next in 0..=points_hz.len() {
+        let end = points_hz.get(next).map_or(bins, |hz| ((hz / step_hz).ceil() as usize).min(bins));
+        if next == 0 || next == points_hz.len() {
+            let point = next.saturating_sub(1);
+            places.resize(end.max(places.len()), Between { point, next: point, share: 0.0 });
+            continue;
+        }
+        let (from, to) = (points_hz[next - 1], points_hz[next]);
+        let scale = 1.0 / (to / from).ln();
+        let place = |k: usize| Between { point: next - 1, next, share: (k as f64 * step_hz / from).ln() * scale };
+        places.extend((places.len()..end).map(place));
+    }
+    places
+}
+
 /// Geometric centres of bands in Hz, the support points of their spectra.
 pub(super) fn centres_hz(bands: &[Band]) -> Vec<f64> {
     bands.iter().map(centre_hz).collect()
@@ -348,6 +366,20 @@ impl<'a> Shaper<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bins_lie_where_their_frequencies_do() {
+        for (points_hz, step_hz) in [(vec![40.0, 100.0, 1000.0], 7.0), (vec![50.0], 25.0), (vec![1.0, 3.0, 3.5], 10.0)]
+        {
+            let values: Vec<f64> = points_hz.iter().map(|hz| hz * hz).collect();
+            let places = between_bins(&points_hz, step_hz, 300);
+            assert_eq!(places.len(), 300);
+            for (k, place) in places.iter().enumerate() {
+                let (found, expected) = (place.of(&values), between_hz(&points_hz, k as f64 * step_hz).of(&values));
+                assert!((found - expected).abs() <= 1e-9 * expected, "{k}: {found}, not {expected}");
+            }
+        }
+    }
 
     fn octaves() -> Vec<Band> {
         (0..8)

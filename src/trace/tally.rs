@@ -226,6 +226,7 @@ impl<const N: usize> Tally<N> {
             energy: (0..bands).map(|b| bins.iter().map(|bin| bin[b] / n).collect()).collect(),
             bin_error,
             std_error: (0..bands).map(|b| self.mean_and_error(probe, b).1).collect(),
+            reflections_per_s3: None,
         }
     }
 }
