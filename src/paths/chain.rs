@@ -178,6 +178,11 @@ pub(super) fn add<'a>(pair: &Pair<'a>, paths: &mut Vec<Specular>, waves: &mut Ve
     }
 }
 
+/// Intensity of the strongest path in the lowest band.
+fn strongest(paths: &[Specular]) -> f64 {
+    paths.iter().filter_map(|path| path.path.intensity.first()).fold(0.0, |a, b| a.max(*b))
+}
+
 /// One chain between one source image and one probe image.
 struct Over<'a> {
     pair: &'a Pair<'a>,
@@ -207,13 +212,17 @@ impl Over<'_> {
         if *kind == SourceKind::Point && !(within(0) && within(1)) {
             return None;
         }
+        // Over long ways only low bands may bring anything; where an edge is in sight all are looked at.
+        let loudness = match passage {
+            Passage::Shadow => self.loudness(paths)?,
+            _ => vec![f64::INFINITY; spectra.len()],
+        };
         let apexes = [two.apex(0, places[0]), two.apex(1, places[1])];
         if geometry.blocked(apexes[0], apexes[1], Skip::NONE, Skip::NONE) {
             return None;
         }
         let before = source.arrive(scene, geometry, s, apexes[0], Skip::NONE)?;
         let after = probe.arrive(scene, geometry, p, apexes[1], Skip::NONE)?;
-        let strongest = paths.iter().filter_map(|path| path.path.intensity.first()).fold(0.0_f64, |a, b| a.max(*b));
         // Where an edge is passed in sight, the path over the other edge is changed, or the direct one beyond that edge's shadow.
         let single = two.edges[usize::from(passage == Passage::FirstLit)];
         let changed = match passage {
@@ -228,26 +237,13 @@ impl Over<'_> {
                     Passage::FirstLit => probe.arrive(scene, geometry, p, apexes[0], Skip::NONE).is_some(),
                     _ => source.arrive(scene, geometry, s, apexes[1], Skip::NONE).is_some(),
                 };
-                Some(found.or_else(|| paths.iter().position(direct).filter(|_| !seen()))?)
+                let changed = found.or_else(|| paths.iter().position(direct).filter(|_| !seen()))?;
+                if *paths[changed].path.intensity.first()? < FAINT * strongest(paths) {
+                    return None;
+                }
+                Some(changed)
             }
         };
-        let faint = match changed {
-            Some(path) => *paths[path].path.intensity.first()? < FAINT * strongest,
-            None => chain.bound(spectra.first()?.low_k()) * self.free() < FAINT * strongest,
-        };
-        if faint {
-            return None;
-        }
-        // Over long ways only low bands may bring anything.
-        let heard = Heard::new(self.pair, paths);
-        let loudness = |(band, spectrum): (usize, &Spectrum)| {
-            let bound = (chain.bound(spectrum.low_k()) * self.free()).sqrt();
-            if changed.is_some() { f64::INFINITY } else { heard.loudness(band, spectrum, self.over_m(), bound) }
-        };
-        let loudness: Vec<f64> = spectra.iter().enumerate().map(loudness).collect();
-        if loudness.iter().all(|loudness| *loudness < 1.0) {
-            return None;
-        }
         let factors: Vec<f64> = before.factors.iter().zip(&after.factors).map(|(a, b)| a * b).collect();
         let (pressures, utd) = (scene.adds_pressures(), scene.simulation.transport == Transport::Utd);
         let mut forms = Vec::with_capacity(spectra.len());
@@ -293,14 +289,14 @@ impl Over<'_> {
             let air = (-scene.air.attenuation_per_m[band] * length_m).exp();
             intensity.push(mean * factors[band] * air);
             forms.push(form);
-            if band == 0 && loudness[0] >= 1.0 && intensity[0] < FAINT * strongest && !pressures {
+            if band == 0 && loudness[0] >= 1.0 && intensity[0] < FAINT * strongest(paths) && !pressures {
                 return None;
             }
         }
         if pressures {
             waves.push(self.wave(origin, apexes[0], &factors, forms));
         }
-        if loudness[0] >= 1.0 && intensity[0] < FAINT * strongest {
+        if loudness[0] >= 1.0 && intensity[0] < FAINT * strongest(paths) {
             return None;
         }
         let way_m = match (origin, chain.from) {
@@ -326,6 +322,24 @@ impl Over<'_> {
         };
         paths.push(Specular { planes: passed, bent: true, path });
         Some(())
+    }
+
+    /// By how much the sound behind both edges changes each band at most, in units of what nobody hears; `None`: in no band by more.
+    fn loudness(&self, paths: &[Specular]) -> Option<Vec<f64>> {
+        let spectra = self.pair.spectra;
+        let free = self.free();
+        if self.chain.bound(spectra.first()?.low_k()) * free < FAINT * strongest(paths) {
+            return None;
+        }
+        let heard = Heard::new(self.pair, paths);
+        let loudness = |(band, spectrum): (usize, &Spectrum)| {
+            let bound = (self.chain.bound(spectrum.low_k()) * free).sqrt();
+            heard.loudness(band, spectrum, self.over_m(), bound)
+        };
+        let loudness: Vec<f64> = spectra.iter().enumerate().map(loudness).collect();
+        // Beside silence loudness is no number, and everything is heard.
+        let unheard = loudness.iter().all(|loudness| *loudness < 1.0);
+        (!unheard).then_some(loudness)
     }
 
     /// Length in m of the shortest way over both edges.
