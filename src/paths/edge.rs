@@ -281,10 +281,11 @@ impl Group<'_, '_> {
         let [straight_m, _] = first.field.lengths_m();
         let free = first.field.free_intensity(straight_m);
         for (band, nodes) in self.pair.nodes.iter().enumerate() {
-            let scale = nodes.scale(|k| free / first.field.free(straight_m, k * first.sin_beta));
+            let undisturbed = first.direct(nodes);
+            let scale = undisturbed.map(|value| free / value.norm_sqr());
             let straight = direct.map(|d| {
                 let amplitude = (d[band] / free).sqrt();
-                Ray::single(first.straight_m, first.direct(nodes).map(|value| amplitude * value))
+                Ray::single(first.straight_m, undisturbed.map(|value| amplitude * value))
             });
             self.within(band, nodes, &scale, straight, reflected, &mut changes);
         }
