@@ -272,7 +272,7 @@ impl<'a> Matcher<'a> {
         Some(ln_gain)
     }
 
-    /// Applies a gain to the samples with this spectrum and gives them.
+    /// Applies a gain to samples and their spectrum.
     pub(super) fn apply(
         &self,
         ln_gain: &[f64],

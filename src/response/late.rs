@@ -37,20 +37,16 @@ pub(super) fn join(
     let pulses = noise.pulses(seed, 0);
     let mut early: Vec<Vec<Complex64>> = channels.iter().map(|samples| matcher.spectrum(samples)).collect();
     let (mut layers, mut changed) = (Vec::new(), vec![true; amplitudes.len()]);
-    let mut factors;
-    let mut rounds = 0..ROUNDS;
-    loop {
+    let mut factors = Vec::new();
+    for round in 0..=ROUNDS {
         noise.make(&mut layers, &pulses, &amplitudes, &changed);
         // What one band's factors do to its neighbours is left to a second round.
-        let late = balance.balance(&mut layers, &channels[0], if rounds.start == 0 { 2 } else { 1 });
+        let late = balance.balance(&mut layers, &channels[0], if round == 0 { 2 } else { 1 });
         let late = matcher.spectrum(&late);
         // Band levels are those of the first channel, the pressure.
-        let whole;
-        (factors, whole) = matcher.joined(&early[0], &late, target);
-        if rounds.next().is_none() {
-            break;
-        }
-        let Some(ln_gain) = matcher.fitted(&whole, target) else { break };
+        let (found, whole) = matcher.joined(&early[0], &late, target);
+        factors = found;
+        let Some(ln_gain) = matcher.fitted(&whole, target).filter(|_| round < ROUNDS) else { break };
         for (spectrum, samples) in early.iter_mut().zip(channels.iter_mut()) {
             matcher.apply(&ln_gain, spectrum, samples, shaper);
         }
