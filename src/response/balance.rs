@@ -30,6 +30,7 @@ const RINGING_S: f64 = 0.1;
 const PIECE: usize = 2048;
 /// Least and greatest factor.
 const LIMITS: [f64; 2] = [0.25, 2.0];
+
 /// What balances the noise of a response.
 pub(super) struct Balance {
     /// Number of samples of the response.

@@ -28,7 +28,7 @@ const FILTER_ORDERS: [i32; 2] = [3, 4];
 const PIECES: f64 = 64.0;
 /// Distance of the gain's support points in octaves.
 const SUPPORT_OCTAVES: f64 = 0.25;
-/// Weights of white means, of filtered means, of the gain's curvature and of its size in the least squares: without the last one a
+/// Weights of white means, of filtered means, of the gain's curvature and of its size in the least squares; without the last one the
 /// correction of one band sways its neighbours.
 const WEIGHTS: [f64; 4] = [30.0, 2.0, 0.03, 0.03];
 /// Ratio of frequencies outside the bands over which the gain returns to 1: nobody knows the energy there, so that the plain

@@ -1,7 +1,6 @@
 //! Late sound joined to early sound: noise with the energies of the echogram, and the band levels of both together.
 //!
-//! Noise of finite length has neither the exact spectrum nor nothing in common with the early sound, so that band levels miss by some
-//! tenths of a dB. A gain on the sum would mend that but change decays. Instead one factor a band on the noise meets the white means, and
+//! Noise of finite length misses its spectrum, and interferes with the early sound, so that band levels are some tenths of a dB off. A gain on the sum would mend that but change decays. Instead one factor a band on the noise meets the white means, and
 //! where filtered means still miss, the early sound takes the smooth gain and the noise is made anew with it, before its envelope.
 
 use realfft::RealFftPlanner;

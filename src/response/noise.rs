@@ -134,7 +134,7 @@ impl<'a> Noise<'a> {
         pulses
     }
 
-    /// Makes the noise of the bands in which `amplitudes` and `pulses` have `changed` (one a bin), all of them at first.
+    /// Makes the noise of every band of `pulses` with the `amplitudes`; where there is some, of the bands that have `changed` (one a bin).
     pub(super) fn make(&self, layers: &mut Vec<Layer>, pulses: &[Complex64], amplitudes: &[f64], changed: &[bool]) {
         let grid = self.forward.len();
         let mut spectrum: Vec<Complex64> = pulses.iter().zip(amplitudes).map(|(h, a)| h * a).collect();
