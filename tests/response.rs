@@ -233,9 +233,16 @@ fn band_energies_equal_the_levels_in_random_scenes() {
         let response = rendered(&reception, &bands, &OPTIONS);
         let white = worst_db(&band_means(&response.samples, RATE, &bands), &reception);
         assert!(white < 0.15, "case {case}: {white} dB");
+        // Late noise of a band below 100 Hz keeps its own energy, but not what filters hear of its neighbours.
+        let (low, high): (Vec<usize>, Vec<usize>) = (0..bands.len()).partition(|b| bands[*b].high_hz < 100.0);
+        let bound_db = if reception.echogram.is_some() { 0.4 } else { 0.2 };
         for order in [3, 4] {
-            let class_1 = worst_db(&class_1_means(&response.samples, RATE, &bands, order), &reception);
-            assert!(class_1 < 0.2, "case {case}, order {order}: {class_1} dB");
+            let means = class_1_means(&response.samples, RATE, &bands, order);
+            for (which, bound_db) in [(&low, bound_db), (&high, 0.2)] {
+                let error_db = |b: &usize| 10.0 * (means[*b] / reception.levels[*b].intensity).log10();
+                let worst = which.iter().map(error_db).fold(0.0, |worst: f64, e| worst.max(e.abs()));
+                assert!(worst < bound_db, "case {case}, order {order}: {worst} dB");
+            }
         }
     }
 }

@@ -7,12 +7,11 @@
 
 use std::ops::Range;
 
-use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
 
 use super::energy::EnergyCurve;
 use super::metrics::{Metrics, of_curve};
-use super::noise::smooth_length;
+use super::transform::Transform;
 use super::{Response, earliest_shift_s};
 use crate::probe::Reception;
 use crate::scene::{Band, Spacing, bands_between};
@@ -102,7 +101,7 @@ pub fn speech_transmission_index(response: &Response, signal_to_noise_db: f64) -
 struct Measured {
     rate_hz: f64,
     length: usize,
-    grid: usize,
+    transform: Transform,
     spectrum: Vec<Complex64>,
 }
 
@@ -110,20 +109,14 @@ impl Measured {
     fn new(response: &Response) -> Self {
         let rate_hz = f64::from(response.sample_rate_hz);
         let length = response.samples.len();
-        let grid = smooth_length(length + (RINGING_S * rate_hz) as usize);
-        let mut time: Vec<f64> = response.samples.iter().map(|s| f64::from(*s)).collect();
-        time.resize(grid, 0.0);
-        let forward = RealFftPlanner::new().plan_fft_forward(grid);
-        let mut spectrum = forward.make_output_vec();
-        // Buffers have the plan's own lengths, the only thing the transforms can object to.
-        let done = forward.process(&mut time, &mut spectrum);
-        debug_assert!(done.is_ok());
-        Self { rate_hz, length, grid, spectrum }
+        let transform = Transform::new(length + (RINGING_S * rate_hz) as usize);
+        let spectrum = transform.spectrum(response.samples.iter().map(|s| f64::from(*s)).collect());
+        Self { rate_hz, length, transform, spectrum }
     }
 
     /// The bins that a band's filter passes, with |F|^2.
     fn filter(&self, band: &Band) -> impl Iterator<Item = (usize, f64)> {
-        let step_hz = self.rate_hz / self.grid as f64;
+        let step_hz = self.rate_hz / self.transform.length() as f64;
         passed(band, step_hz, self.spectrum.len()).map(move |k| (k, pass(band, k as f64 * step_hz)))
     }
 
@@ -134,17 +127,10 @@ impl Measured {
         }
         let mut filtered = vec![Complex64::ZERO; self.spectrum.len()];
         for (k, power) in self.filter(band) {
-            filtered[k] = self.spectrum[k] * power.sqrt() / self.grid as f64;
+            filtered[k] = self.spectrum[k] * power.sqrt();
         }
-        if let Some(last) = filtered.last_mut() {
-            last.im = 0.0;
-        }
-        let inverse = RealFftPlanner::new().plan_fft_inverse(self.grid);
-        let mut time = inverse.make_output_vec();
-        let done = inverse.process(&mut filtered, &mut time);
-        debug_assert!(done.is_ok());
-        let mut energy: Vec<f64> = time.iter().map(|x| x * x).collect();
-        let before: f64 = energy[self.length + (self.grid - self.length) / 2..].iter().sum();
+        let mut energy: Vec<f64> = self.transform.samples(&mut filtered).iter().map(|x| x * x).collect();
+        let before: f64 = energy[(self.length + energy.len()) / 2..].iter().sum();
         energy.truncate(self.length);
         energy[0] += before;
         Some(energy)
@@ -153,7 +139,7 @@ impl Measured {
     /// From a band's energy to the mean of |H|^2 as the filter sees it.
     fn unit(&self, band: &Band) -> f64 {
         let power: f64 = self.filter(band).map(|(_, power)| power).sum();
-        self.grid as f64 / (2.0 * power)
+        self.transform.length() as f64 / (2.0 * power)
     }
 }
 

@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use realfft::RealFftPlanner;
 use rubato::audioadapter_buffers::owned::InterleavedOwned;
 use rubato::{Fft, FixedSync, Resampler};
 
 use super::Response;
-use super::noise::smooth_length;
+use super::transform::Transform;
 use crate::error::{Error, Result};
 
 /// Frames that the resampler takes at a time.
@@ -88,27 +87,14 @@ impl Dry {
 pub fn heard(dry: &Dry, response: &Response) -> Result<Vec<Vec<f64>>> {
     let dry = dry.at_rate(response.sample_rate_hz)?;
     let length = dry.samples.len() + response.samples.len().max(1) - 1;
-    let grid = smooth_length(length);
-    let mut planner = RealFftPlanner::<f64>::new();
-    let (forward, inverse) = (planner.plan_fft_forward(grid), planner.plan_fft_inverse(grid));
-    let spectrum = |samples: &mut dyn Iterator<Item = f64>| {
-        let mut time: Vec<f64> = samples.collect();
-        time.resize(grid, 0.0);
-        let mut spectrum = forward.make_output_vec();
-        // Buffers have the plan's own lengths, the only thing the transforms can object to.
-        let done = forward.process(&mut time, &mut spectrum);
-        debug_assert!(done.is_ok());
-        spectrum
-    };
-    let voice = spectrum(&mut dry.samples.iter().copied());
+    let transform = Transform::new(length);
+    let voice = transform.spectrum(dry.samples);
     let channels = std::iter::once(&response.samples).chain(&response.others);
     Ok(channels
         .map(|samples| {
-            let mut product = spectrum(&mut samples.iter().map(|s| f64::from(*s)));
-            product.iter_mut().zip(&voice).for_each(|(h, v)| *h *= v / grid as f64);
-            let mut time = inverse.make_output_vec();
-            let done = inverse.process(&mut product, &mut time);
-            debug_assert!(done.is_ok());
+            let mut product = transform.spectrum(samples.iter().map(|s| f64::from(*s)).collect());
+            product.iter_mut().zip(&voice).for_each(|(h, v)| *h *= v);
+            let mut time = transform.samples(&mut product);
             time.truncate(length);
             time
         })

@@ -6,15 +6,14 @@
 //! factor g with g^2 NN + 2 g EN = late energy of the window, as a filter that rings measures it (NN and EN: their sums of products).
 
 use std::ops::Range;
-use std::sync::Arc;
 
 use realfft::num_complex::Complex64;
-use realfft::{RealFftPlanner, RealToComplex};
 use rustfft::FftPlanner;
 
 use super::energy::EnergyCurve;
 use super::envelope::BandFilter;
-use super::noise::{Layer, TimeAxis, density, smooth_length};
+use super::noise::{Layer, TimeAxis, density};
+use super::transform::Transform;
 use crate::probe::Reception;
 use crate::scene::Band;
 
@@ -24,32 +23,30 @@ const FIRST_PERIODS: f64 = 2.5;
 const GROWTH: f64 = 1.0 / 20.0;
 /// Reflections that a window holds at least.
 const REFLECTIONS: f64 = 4.0;
-/// Silence in s after the response, in which filters ring.
-const RINGING_S: f64 = 0.1;
 /// Samples that are added at a time.
 const PIECE: usize = 2048;
 /// Least and greatest factor.
 const LIMITS: [f64; 2] = [0.25, 2.0];
 
 /// What balances the noise of a response.
-pub(super) struct Balance {
+pub(super) struct Balance<'a> {
     /// Number of samples of the response.
     length: usize,
-    forward: Arc<dyn RealToComplex<f64>>,
+    transform: &'a Transform,
     /// One a band; `None` where it reaches beyond half the sample rate.
     filters: Vec<Option<Filter>>,
 }
 
-impl Balance {
+impl<'a> Balance<'a> {
     /// `curves`: the energies of the reception, one a band.
     pub(super) fn new(
         reception: &Reception,
         curves: &[EnergyCurve],
         bands: &[Band],
         axis: TimeAxis,
-        planner: &mut RealFftPlanner<f64>,
+        transform: &'a Transform,
     ) -> Self {
-        let grid = smooth_length(axis.length + (RINGING_S * axis.sample_rate_hz) as usize);
+        let grid = transform.length();
         let mut fast = FftPlanner::new();
         let mut filter = |(band, curve): (&Band, &EnergyCurve)| {
             let filter = BandFilter::new(band, axis.sample_rate_hz, grid, &mut fast)?;
@@ -57,23 +54,27 @@ impl Balance {
             Some(Filter { filter, windows })
         };
         let filters = bands.iter().zip(curves).map(&mut filter).collect();
-        Self { length: axis.length, forward: planner.plan_fft_forward(grid), filters }
+        Self { length: axis.length, transform, filters }
     }
 
-    /// Multiplies the `layers` by factors of time; `early` is what sounds beside them. Returns their sum.
-    pub(super) fn balance(&self, layers: &mut [Layer], early: &[f64], rounds: usize) -> Vec<f64> {
-        let beside = self.spectrum(early.to_vec());
-        let beside: Vec<Vec<Complex64>> = self.heard(layers).map(|(_, f)| f.filter.envelope(&beside)).collect();
-        let mut all = sum(layers, self.length);
+    /// Multiplies the `layers` by factors of time; `early` is the spectrum of what sounds beside them. Returns their sum.
+    pub(super) fn balance(&self, layers: &mut [Layer], early: &[Complex64], rounds: usize) -> Vec<f64> {
+        let beside: Vec<Vec<Complex64>> = self.heard(layers).map(|(_, f)| f.filter.envelope(early)).collect();
+        let sum = |layers: &[Layer]| {
+            let mut sum = vec![0.0; self.length];
+            add(layers, |_| 1.0, &mut sum);
+            sum
+        };
+        let mut all = sum(layers);
         for _ in 0..rounds {
-            let noise = self.spectrum(all);
+            let noise = self.transform.spectrum(all);
             let factors: Vec<(usize, Vec<(f64, f64)>)> = self
                 .heard(layers)
                 .zip(&beside)
                 .map(|((n, f), beside)| (n, f.factors(&f.filter.envelope(&noise), beside)))
                 .collect();
             factors.iter().for_each(|(n, factors)| apply(&mut layers[*n].samples, factors));
-            all = sum(layers, self.length);
+            all = sum(layers);
         }
         all
     }
@@ -83,28 +84,17 @@ impl Balance {
         let bands: Vec<usize> = layers.iter().map(|layer| layer.band).collect();
         bands.into_iter().enumerate().filter_map(|(n, band)| Some((n, self.filters[band].as_ref()?)))
     }
-
-    fn spectrum(&self, mut time: Vec<f64>) -> Vec<Complex64> {
-        time.resize(self.forward.len(), 0.0);
-        let mut spectrum = self.forward.make_output_vec();
-        // Buffers have the plan's own lengths, the only thing the transforms can object to.
-        let done = self.forward.process(&mut time, &mut spectrum);
-        debug_assert!(done.is_ok());
-        spectrum
-    }
 }
 
-/// The noise of all bands.
-fn sum(layers: &[Layer], length: usize) -> Vec<f64> {
-    let mut sum = vec![0.0; length];
+/// Adds the noise of all bands to samples, times the band's factor.
+pub(super) fn add(layers: &[Layer], factor: impl Fn(usize) -> f64, samples: &mut [f64]) {
     // Piece by piece, which a cache holds.
-    for (piece, sum) in sum.chunks_mut(PIECE).enumerate() {
+    for (piece, sum) in samples.chunks_mut(PIECE).enumerate() {
         for layer in layers {
-            let from = piece * PIECE;
-            sum.iter_mut().zip(&layer.samples[from..]).for_each(|(sum, s)| *sum += s);
+            let (from, factor) = (piece * PIECE, factor(layer.band));
+            sum.iter_mut().zip(&layer.samples[from..]).for_each(|(sum, s)| *sum += factor * s);
         }
     }
-    sum
 }
 
 /// Multiplies by factors at places (in samples, ascending), linear between them and held beyond.

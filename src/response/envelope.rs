@@ -7,7 +7,7 @@ use realfft::num_complex::Complex64;
 use rustfft::{Fft, FftPlanner};
 
 use super::analysis::{pass, passed};
-use super::noise::smooth_length;
+use super::transform::smooth_length;
 use crate::scene::Band;
 
 /// The analysis filter of a band on the bins of a transform.

@@ -5,21 +5,22 @@
 //! restores the white mean of |H|^2 over each band, and as far as it can what the Butterworth filters of IEC 61260-1
 //! class 1 measure of it; times of arrival stay. Of all such gains it is the one with the least curvature.
 
-use std::sync::Arc;
+use std::ops::RangeInclusive;
 
 use nalgebra::{DMatrix, DVector};
 use realfft::num_complex::Complex64;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
-use super::noise::smooth_length;
 use super::spectrum::{Between, SILENT_LN, Shaper, between_bins, between_hz, fade, minimum_phase};
+use super::transform::Transform;
 use crate::scene::Band;
 
 /// Remaining error in dB of a band's white mean and of its filtered ones at which the iteration stops.
 const GOALS_DB: [f64; 2] = [0.02, 0.17];
 /// The errors of both that the fit leaves alone. White mean and filtered mean of a spectrum with structure differ, and forcing
 /// them together bends the spectrum within the bands, and with it their decays.
-const TOLERATED_DB: [f64; 2] = [0.0, 0.13];
+const TOLERATED_DB: [f64; 2] = [0.0, 0.15];
+/// Shares of the remaining errors of both by which the aim is moved: white means may answer to it twice, as the gain rings past the ends.
+const RELAXATION: [f64; 2] = [0.7, 1.0];
 /// Natural logarithm of an energy ratio of 1 dB.
 const NEPERS_PER_DB: f64 = std::f64::consts::LN_10 / 10.0;
 /// Orders of the Butterworth band-passes: class 1 is met from 3 on (4 near half the sample rate).
@@ -38,6 +39,9 @@ const OUTSIDE: f64 = std::f64::consts::SQRT_2;
 const UNCORRECTED: f64 = 1e6;
 /// Largest gain or loss, in nepers of amplitude (about 52 dB).
 const LIMIT: f64 = 6.0;
+
+/// Share of the cost, and the cost (0.0015 dB of a white mean), by which a step must lower it to be followed by another.
+const SETTLED: [f64; 2] = [0.01, 1e-4];
 
 /// Least and greatest factor on the noise of a band.
 const FACTORS: [f64; 2] = [0.5, 2.0];
@@ -64,8 +68,8 @@ struct Filter {
 struct Meter<'a> {
     bands: &'a [Band],
     sample_rate_hz: f64,
-    /// Transform length in samples, at least twice the response and at least one second.
-    grid: usize,
+    /// Over the response and a pulse more, for the gain to ring, and over one second at least.
+    transform: Transform,
     /// Piece of each bin.
     piece: Vec<usize>,
     /// Frequency of each piece in Hz.
@@ -77,11 +81,11 @@ struct Meter<'a> {
 impl<'a> Meter<'a> {
     fn new(shaper: &Shaper<'a>, samples: usize) -> Self {
         let (bands, rate) = (shaper.bands(), shaper.sample_rate_hz());
-        let grid = smooth_length((2 * samples).max(samples + shaper.length()).max(rate.ceil() as usize));
-        let step = rate / grid as f64;
+        let transform = Transform::new((samples + shaper.length()).max(rate.ceil() as usize));
+        let step = rate / transform.length() as f64;
         let (mut piece, mut piece_hz, mut sizes) = (vec![0], vec![0.0], vec![1.0]);
         let mut end = 0.0;
-        for k in 1..=grid / 2 {
+        for k in 1..transform.bins() {
             let hz = k as f64 * step;
             if hz >= end {
                 end = hz * (1.0 / PIECES).exp2();
@@ -110,41 +114,63 @@ impl<'a> Meter<'a> {
                 Filter { band, first_piece, shares: power[first_piece..=last_piece].iter().map(|p| p / sum).collect() }
             })
             .collect();
-        Self { bands, sample_rate_hz: rate, grid, piece, piece_hz, filters }
+        Self { bands, sample_rate_hz: rate, transform, piece, piece_hz, filters }
+    }
+
+    /// Distance of the bins in Hz.
+    fn step_hz(&self) -> f64 {
+        self.sample_rate_hz / self.transform.length() as f64
     }
 
     /// All means of `spectrum`.
-    fn means(&self, spectrum: &[Complex64]) -> Vec<Mean> {
+    fn means(&self, spectrum: &[Complex64]) -> impl Iterator<Item = Mean> {
         let power: Vec<f64> = spectrum.iter().map(|h| h.norm_sqr()).collect();
         let mut energy = vec![0.0; self.piece_hz.len()];
         for (p, piece) in power.iter().zip(&self.piece) {
             energy[*piece] += p;
         }
-        let white = (0..self.bands.len()).map(|b| self.white_mean(b, &power));
-        let filtered = self.filters.iter().map(|f| Mean {
+        let white = move |b: usize| {
+            let bins = self.white_bins(b);
+            let first_piece = self.piece[*bins.start()];
+            let mut energies = vec![0.0; self.piece[*bins.end()] - first_piece + 1];
+            for (k, share) in self.white_shares(b) {
+                energies[self.piece[k] - first_piece] += share * power[k];
+            }
+            Mean { band: b, filtered: false, first_piece, energies }
+        };
+        let filtered = move |f: &Filter| Mean {
             band: f.band,
             filtered: true,
             first_piece: f.first_piece,
             energies: f.shares.iter().zip(&energy[f.first_piece..]).map(|(share, e)| share * e).collect(),
-        });
-        white.chain(filtered).collect()
+        };
+        (0..self.bands.len()).map(white).chain(self.filters.iter().map(filtered))
     }
 
-    /// White mean over band `b`: the exact integral of the polygon through the bins.
-    fn white_mean(&self, b: usize, power: &[f64]) -> Mean {
-        let (step, top) = (self.sample_rate_hz / self.grid as f64, (self.grid / 2) as f64);
-        let (low, high) = ((self.bands[b].low_hz / step).min(top), (self.bands[b].high_hz / step).min(top));
-        let (first, last) = (low.floor() as usize, (high.ceil() as usize).min(self.grid / 2));
-        let first_piece = self.piece[first];
-        let mut energies = vec![0.0; self.piece[last] - first_piece + 1];
-        let width = (high - low).max(f64::MIN_POSITIVE);
-        for k in first..last {
-            let (from, to) = (low.max(k as f64) - k as f64, high.min((k + 1) as f64) - k as f64);
-            let upper = 0.5 * (to * to - from * from);
-            energies[self.piece[k] - first_piece] += (to - from - upper) * power[k] / width;
-            energies[self.piece[k + 1] - first_piece] += upper * power[k + 1] / width;
-        }
-        Mean { band: b, filtered: false, first_piece, energies }
+    /// Edges of band `b` in bins.
+    fn edges(&self, b: usize) -> [f64; 2] {
+        let top = (self.transform.bins() - 1) as f64;
+        [self.bands[b].low_hz, self.bands[b].high_hz].map(|hz| (hz / self.step_hz()).min(top))
+    }
+
+    /// The bins that its white mean depends on.
+    fn white_bins(&self, b: usize) -> RangeInclusive<usize> {
+        let [low, high] = self.edges(b);
+        low.floor() as usize..=high.ceil() as usize
+    }
+
+    /// Their weights in it: the mean is the exact integral of the polygon through the bins.
+    fn white_shares(&self, b: usize) -> impl Iterator<Item = (usize, f64)> {
+        let [low, high] = self.edges(b);
+        let unit = 1.0 / (high - low).max(f64::MIN_POSITIVE);
+        // Of the triangle over the bin and half of both distances, what lies between the edges, by distance from its feet.
+        let part = |from: f64, to: f64| 0.5 * (to.clamp(0.0, 1.0).powi(2) - from.clamp(0.0, 1.0).powi(2));
+        self.white_bins(b).map(move |k| {
+            let (before, after) = (k as f64 - 1.0, k as f64 + 1.0);
+            let inside = low <= before && after <= high;
+            let area = if inside { 1.0 } else { part(low - before, high - before) + part(after - high, after - low) };
+            (k, area * unit)
+        })
     }
 }
 
@@ -172,11 +198,8 @@ pub(super) struct Matcher<'a> {
     meter: Meter<'a>,
     /// Support points of the gain in Hz.
     nodes_hz: Vec<f64>,
-    /// Places of the pieces and of the bins between them.
+    /// Places of the pieces between them.
     pieces: Vec<Between>,
-    bins: Vec<Between>,
-    forward: Arc<dyn RealToComplex<f64>>,
-    inverse: Arc<dyn ComplexToReal<f64>>,
 }
 
 /// A gain that gives a response its band energies.
@@ -191,32 +214,27 @@ struct Gain {
 }
 
 impl<'a> Matcher<'a> {
-    pub(super) fn new(shaper: &Shaper<'a>, length: usize, planner: &mut RealFftPlanner<f64>) -> Self {
+    pub(super) fn new(shaper: &Shaper<'a>, length: usize) -> Self {
         let meter = Meter::new(shaper, length);
         let nodes_hz = support(meter.bands);
-        let step_hz = meter.sample_rate_hz / meter.grid as f64;
-        Self {
-            pieces: meter.piece_hz.iter().map(|hz| between_hz(&nodes_hz, *hz)).collect(),
-            bins: between_bins(&nodes_hz, step_hz, meter.grid / 2 + 1),
-            nodes_hz,
-            forward: planner.plan_fft_forward(meter.grid),
-            inverse: planner.plan_fft_inverse(meter.grid),
-            meter,
-        }
+        Self { pieces: meter.piece_hz.iter().map(|hz| between_hz(&nodes_hz, *hz)).collect(), nodes_hz, meter }
     }
 
-    /// The gain that gives `samples` the band means of |H|^2 in `target` (one a band; 0: the band is silenced).
-    fn matching(&self, samples: &[f64], target: &[f64], shaper: &mut Shaper<'_>) -> Gain {
-        let mut raw = self.spectrum(samples);
+    /// The gain that gives `samples` the band means of |H|^2 in `target` (one a band; 0: the band is silenced), the filtered ones of bands
+    /// that reach above `filters_from_hz`.
+    fn matching(&self, samples: &[f64], target: &[f64], filters_from_hz: f64, shaper: &mut Shaper<'_>) -> Gain {
+        let counts = |m: &Mean| !m.filtered || self.meter.bands[m.band].high_hz > filters_from_hz;
+        let means_of = |spectrum: &[Complex64]| -> Vec<Mean> { self.meter.means(spectrum).filter(counts).collect() };
+        let mut raw = self.meter.transform.spectrum(samples.to_vec());
         let silent: Vec<bool> = target.iter().map(|t| *t <= 0.0).collect();
-        let step = self.meter.sample_rate_hz / self.meter.grid as f64;
+        let step_hz = self.meter.step_hz();
         let fades: Option<Vec<f64>> = silent
             .contains(&true)
-            .then(|| (0..raw.len()).map(|k| fade(self.meter.bands, &silent, k as f64 * step)).collect());
+            .then(|| (0..raw.len()).map(|k| fade(self.meter.bands, &silent, k as f64 * step_hz)).collect());
         for (h, f) in raw.iter_mut().zip(fades.iter().flatten()) {
             *h *= f;
         }
-        let means = self.meter.means(&raw);
+        let means = means_of(&raw);
         let worst = Worst::of(&means, target);
         let mut best = Gain { filter: Vec::new(), samples: samples.to_vec(), errors_db: worst.white_db.clone() };
         let loud = |m: &Mean| target[m.band] > 0.0 && m.value() > 0.0;
@@ -233,15 +251,15 @@ impl<'a> Matcher<'a> {
             let mut spectrum: Vec<Complex64> = raw.iter().zip(&filter).map(|(r, f)| r * f).collect();
             // What rings past either end of the response is cut off; then the loss is measured and made good.
             let result = self.samples(&mut spectrum, samples.len());
-            let reached = self.meter.means(&self.spectrum(&result));
+            let reached = means_of(&self.meter.transform.spectrum(result.clone()));
             let worst = Worst::of(&reached, target);
             for (w, m) in wanted.iter_mut().zip(&reached) {
                 // Means are pressed no harder than needed: each press bends the gain further.
-                let error_db = m.error_db(target);
-                let pressed = m.value() > 0.0 && error_db.abs() > GOALS_DB[usize::from(m.filtered)];
-                let tolerated_db = TOLERATED_DB[usize::from(m.filtered)];
+                let (error_db, kind) = (m.error_db(target), usize::from(m.filtered));
+                let pressed = m.value() > 0.0 && error_db.abs() > GOALS_DB[kind];
+                let tolerated_db = TOLERATED_DB[kind];
                 if let Some(w) = w.as_mut().filter(|_| pressed) {
-                    *w -= (error_db - error_db.clamp(-tolerated_db, tolerated_db)) * NEPERS_PER_DB;
+                    *w -= RELAXATION[kind] * (error_db - error_db.clamp(-tolerated_db, tolerated_db)) * NEPERS_PER_DB;
                 }
             }
             let met = worst.is_met();
@@ -261,7 +279,7 @@ impl<'a> Matcher<'a> {
 
     /// ln of the gain, at its support points, that gives the response with this spectrum the means in `target`; `None` where it has them.
     pub(super) fn fitted(&self, spectrum: &[Complex64], target: &[f64]) -> Option<Vec<f64>> {
-        let means = self.meter.means(spectrum);
+        let means: Vec<Mean> = self.meter.means(spectrum).collect();
         if Worst::of(&means, target).is_met() {
             return None;
         }
@@ -273,22 +291,17 @@ impl<'a> Matcher<'a> {
     }
 
     /// Applies a gain to samples and their spectrum.
-    pub(super) fn apply(
-        &self,
-        ln_gain: &[f64],
-        spectrum: &mut [Complex64],
-        samples: &mut Vec<f64>,
-        shaper: &mut Shaper<'_>,
-    ) {
-        let silent = vec![false; self.meter.bands.len()];
-        let filter = self.filter(ln_gain, &silent, None, shaper);
-        let scale = self.meter.grid as f64;
-        let mut scaled: Vec<Complex64> = spectrum.iter().zip(&filter).map(|(s, f)| s * f).collect();
-        spectrum.iter_mut().zip(&scaled).for_each(|(s, filtered)| *s = filtered * scale);
-        *samples = self.samples(&mut scaled, samples.len());
+    pub(super) fn apply(&self, gain: &[Complex64], spectrum: &mut [Complex64], samples: &mut Vec<f64>) {
+        spectrum.iter_mut().zip(gain).for_each(|(s, g)| *s *= g);
+        *samples = self.samples(&mut spectrum.to_vec(), samples.len());
     }
 
-    /// Response of a gain, of minimum phase, at the bins over the transform's length; `fades` are left to the caller but for their phase.
+    /// Response of a gain, of minimum phase, at the bins of the transform, from its ln at the support points.
+    pub(super) fn gain(&self, ln_gain: &[f64], shaper: &mut Shaper<'_>) -> Vec<Complex64> {
+        self.filter(ln_gain, &vec![false; self.meter.bands.len()], None, shaper)
+    }
+
+    /// The same with silent bands; their `fades` are left to the caller but for their phase.
     fn filter(
         &self,
         ln_gain: &[f64],
@@ -296,38 +309,31 @@ impl<'a> Matcher<'a> {
         fades: Option<&[f64]>,
         shaper: &mut Shaper<'_>,
     ) -> Vec<Complex64> {
-        let (coarse, share) = shaper.gain_phase(silent, |hz| between_hz(&self.nodes_hz, hz).of(ln_gain));
-        let amplitudes = self.bins.iter().map(|place| place.of(ln_gain).exp() / self.meter.grid as f64);
-        match fades {
-            // The flanks of a silent band are too steep for the pulse grid.
-            Some(fades) => {
-                let ln = self.bins.iter().zip(fades).map(|(place, f)| place.of(ln_gain) + f.ln().max(SILENT_LN));
-                let fine = minimum_phase(&ln.collect::<Vec<_>>(), &self.forward, &self.inverse);
-                amplitudes.zip(fine).map(|(a, angle)| Complex64::from_polar(a, share * angle)).collect()
-            }
-            None => {
-                let ratio = shaper.length() as f64 / self.meter.grid as f64;
-                let turned = |(k, a): (usize, f64)| {
-                    let position = k as f64 * ratio;
-                    let cell = (position as usize).min(coarse.len() - 2);
-                    let angle = coarse[cell] + (position - cell as f64) * (coarse[cell + 1] - coarse[cell]);
-                    Complex64::from_polar(a, angle)
-                };
-                amplitudes.enumerate().map(turned).collect()
-            }
-        }
+        let (coarse, share) = shaper.gain(silent, &self.nodes_hz, ln_gain);
+        let transform = &self.meter.transform;
+        let Some(fades) = fades else {
+            return between_pulse_bins(&coarse, shaper.length() as f64 / transform.length() as f64, transform.bins());
+        };
+        // The flanks of a silent band are too steep for the pulse grid.
+        let places = between_bins(&self.nodes_hz, self.meter.step_hz(), transform.bins());
+        let ln: Vec<f64> = places.iter().map(|place| place.of(ln_gain)).collect();
+        let faded: Vec<f64> = ln.iter().zip(fades).map(|(ln, f)| ln + f.ln().max(SILENT_LN)).collect();
+        let fine = minimum_phase(&faded, transform);
+        ln.iter().zip(fine).map(|(ln, angle)| Complex64::from_polar(ln.exp(), share * angle)).collect()
     }
 
-    /// A gain at the frequencies 0, `step_hz`, 2 `step_hz`, ...
-    pub(super) fn at_bins(&self, ln_gain: &[f64], step_hz: f64, bins: usize) -> Vec<f64> {
-        between_bins(&self.nodes_hz, step_hz, bins).iter().map(|place| place.of(ln_gain).exp()).collect()
-    }
-
-    /// Gives the first channel the band means of |H|^2 in `target`, and the others the same gain. Returns the remaining errors in dB.
-    pub(super) fn match_bands(&self, channels: &mut [Vec<f64>], target: &[f64], shaper: &mut Shaper<'_>) -> Vec<f64> {
-        let gain = self.matching(&channels[0], target, shaper);
+    /// Gives the first channel the band means of |H|^2 in `target`, filtered ones where bands reach above `filters_from_hz`, and the others
+    /// the same gain. Returns the remaining errors in dB.
+    pub(super) fn match_bands(
+        &self,
+        channels: &mut [Vec<f64>],
+        target: &[f64],
+        filters_from_hz: f64,
+        shaper: &mut Shaper<'_>,
+    ) -> Vec<f64> {
+        let gain = self.matching(&channels[0], target, filters_from_hz, shaper);
         for samples in channels[1..].iter_mut().filter(|_| !gain.filter.is_empty()) {
-            let mut spectrum = self.spectrum(samples);
+            let mut spectrum = self.meter.transform.spectrum(samples.to_vec());
             spectrum.iter_mut().zip(&gain.filter).for_each(|(s, gain)| *s *= gain);
             *samples = self.samples(&mut spectrum, samples.len());
         }
@@ -342,16 +348,16 @@ impl<'a> Matcher<'a> {
         noise: &[Complex64],
         target: &[f64],
     ) -> (Vec<f64>, Vec<Complex64>) {
-        let own: Vec<f64> = noise.iter().map(|n| n.norm_sqr()).collect();
-        let beside: Vec<f64> = early.iter().map(|e| e.norm_sqr()).collect();
-        let cross: Vec<f64> = early.iter().zip(noise).map(|(e, n)| e.re * n.re + e.im * n.im).collect();
         let factor = |(b, target): (usize, &f64)| {
-            let [own, beside, cross] = [&own, &beside, &cross].map(|power| self.meter.white_mean(b, power).value());
+            let [own, beside, cross] = [[noise, noise], [early, early], [early, noise]].map(|[x, y]| {
+                let product = |(k, share): (usize, f64)| share * (x[k].re * y[k].re + x[k].im * y[k].im);
+                self.meter.white_shares(b).map(product).sum::<f64>()
+            });
             let root = (cross * cross + own * (target - beside)).max(0.0).sqrt();
             if own > 0.0 { ((root - cross) / own).clamp(FACTORS[0], FACTORS[1]) } else { 1.0 }
         };
         let factors: Vec<f64> = target.iter().enumerate().map(factor).collect();
-        let step_hz = self.meter.sample_rate_hz / self.meter.grid as f64;
+        let step_hz = self.meter.step_hz();
         let mut whole = early.to_vec();
         let mut from = 0;
         for (b, factor) in factors.iter().enumerate() {
@@ -363,29 +369,35 @@ impl<'a> Matcher<'a> {
         (factors, whole)
     }
 
-    /// Spectrum of samples of the length that it is for.
-    pub(super) fn spectrum(&self, samples: &[f64]) -> Vec<Complex64> {
-        let mut time = samples.to_vec();
-        time.resize(self.meter.grid, 0.0);
-        let mut spectrum = self.forward.make_output_vec();
-        // Buffers have the plan's own lengths, the only thing the transforms can object to.
-        let done = self.forward.process(&mut time, &mut spectrum);
-        debug_assert!(done.is_ok());
-        spectrum
+    /// The transforms of all that it measures.
+    pub(super) fn transform(&self) -> &Transform {
+        &self.meter.transform
     }
 
-    /// The first `length` samples of a spectrum over the transform's length.
+    /// The first `length` samples of a spectrum.
     fn samples(&self, spectrum: &mut [Complex64], length: usize) -> Vec<f64> {
-        spectrum[0].im = 0.0;
-        if let Some(last) = spectrum.last_mut() {
-            last.im = 0.0;
-        }
-        let mut time = self.inverse.make_output_vec();
-        let done = self.inverse.process(spectrum, &mut time);
-        debug_assert!(done.is_ok());
-        time.truncate(length);
-        time
+        let mut samples = self.meter.transform.samples(spectrum);
+        samples.truncate(length);
+        samples
     }
+}
+
+/// exp of a logarithm on the pulse grid at `bins` bins that lie `pulse_bins_a_bin` apart on it: between two of its bins the
+/// logarithm is linear, so that each value is the one before times one factor.
+fn between_pulse_bins(ln: &[Complex64], pulse_bins_a_bin: f64, bins: usize) -> Vec<Complex64> {
+    let (mut cell, mut here, mut factor) = (usize::MAX, Complex64::ONE, Complex64::ONE);
+    let value = |k: usize| {
+        let place = k as f64 * pulse_bins_a_bin;
+        let at = (place as usize).min(ln.len() - 2);
+        if at == cell {
+            here *= factor;
+        } else {
+            let slope = ln[at + 1] - ln[at];
+            (cell, here, factor) = (at, (ln[at] + slope * (place - at as f64)).exp(), (slope * pulse_bins_a_bin).exp());
+        }
+        here
+    };
+    (0..bins).map(value).collect()
 }
 
 /// The errors of a response.
@@ -437,7 +449,7 @@ fn support(bands: &[Band]) -> Vec<f64> {
 /// logarithms `wanted` (`None`: this mean does not count): least squares on the logarithms after Levenberg and Marquardt.
 fn fit(means: &[Mean], wanted: &[Option<f64>], places: &[Between], ln_gain: &mut Vec<f64>) {
     let n = ln_gain.len();
-    let mut damping = 1e-3;
+    let (mut damping, mut growth) = (1e-3, 2.0);
     let mut here = normal_equations(means, wanted, places, ln_gain);
     for _ in 0..60 {
         let mut damped = here.matrix.clone();
@@ -446,19 +458,23 @@ fn fit(means: &[Mean], wanted: &[Option<f64>], places: &[Between], ln_gain: &mut
         }
         let Some(factor) = damped.cholesky() else { return };
         let step = factor.solve(&here.right);
+        let expected = step.dot(&(2.0 * &here.right - &here.matrix * &step));
         let next: Vec<f64> = ln_gain.iter().zip(step.iter()).map(|(g, s)| (g + s).clamp(-LIMIT, LIMIT)).collect();
         let there = normal_equations(means, wanted, places, &next);
-        if there.cost < here.cost {
-            let gained = here.cost - there.cost;
+        let gained = here.cost - there.cost;
+        if gained > 0.0 {
             *ln_gain = next;
-            damping = (0.2 * damping).max(1e-9);
-            let settled = gained < 1e-4 * here.cost + 1e-9;
+            let settled = gained < SETTLED[0] * here.cost + SETTLED[1];
             here = there;
             if settled {
                 return;
             }
+            // Nielsen (1999): how well the linearisation foretold the gain decides how far to trust it.
+            damping *= (1.0 - (2.0 * gained / expected - 1.0).powi(3)).max(1.0 / 3.0);
+            growth = 2.0;
         } else {
-            damping *= 5.0;
+            damping *= growth;
+            growth *= 2.0;
             if damping > 1e9 {
                 return;
             }

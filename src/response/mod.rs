@@ -28,10 +28,9 @@ pub mod metrics;
 mod noise;
 mod spectrum;
 mod steady;
+mod transform;
 
 use std::path::Path;
-
-use realfft::RealFftPlanner;
 
 pub use analysis::{response_metrics, speech_transmission_index};
 pub use auralise::{Dry, heard};
@@ -43,7 +42,7 @@ use crate::scene::{Band, ProbeFormat};
 use energy::EnergyCurve;
 use gain::Matcher;
 use noise::TimeAxis;
-use spectrum::{Shaper, between_hz, centres_hz, ln_magnitude};
+use spectrum::{Shaper, centres_hz, ln_magnitude};
 
 /// Time in s that a response lasts beyond its last sound, for the lowest band's pulse and for a filter to ring down.
 const TAIL_S: f64 = 0.1;
@@ -240,17 +239,16 @@ pub fn render(
 
     let mut channels = vec![vec![0.0; length]; (directional::order(options.format) + 1).pow(2)];
     if target.iter().any(|t| *t > 0.0) {
-        let mut planner = RealFftPlanner::new();
-        let mut shaper = Shaper::new(bands, rate, &mut planner);
+        let mut shaper = Shaper::new(bands, rate);
         add_paths(reception, &target, &mut shaper, shift_s, &mut channels);
         // Band levels are those of the pressure; the other channels go through the same gain.
         let errors = if curves.iter().any(|c| c.remaining_in_bins(0.0) > 0.0) {
-            match_early(reception, &mut channels, (end_s, shift_s), &mut shaper, &mut planner);
+            match_early(reception, &mut channels, (end_s, shift_s), &mut shaper);
             let axis = TimeAxis { sample_rate_hz: rate, length, shift_s };
             let late = (reception, &curves[..]);
-            late::join(&mut channels, late, (axis, options.seed), &target, &mut shaper, &mut planner)
+            late::join(&mut channels, late, (axis, options.seed), &target, &mut shaper)
         } else {
-            Matcher::new(&shaper, length, &mut planner).match_bands(&mut channels, &target, &mut shaper)
+            Matcher::new(&shaper, length).match_bands(&mut channels, &target, 0.0, &mut shaper)
         };
         for (band, error) in bands.iter().zip(errors).filter(|(_, e)| e.is_nan() || e.abs() > REPORTED_DB) {
             warnings.push(Warning {
@@ -315,7 +313,7 @@ fn add_paths(reception: &Reception, target: &[f64], shaper: &mut Shaper<'_>, shi
             let parts = path.course.len() / path.intensity.len();
             let fine: Vec<Band> = bands.iter().flat_map(|band| band.parts(parts)).collect();
             let (ln, centres) = (ln_magnitude(&fine, &path.course[..fine.len()]), centres_hz(&fine));
-            shaper.pulse_of(&silent, |hz| between_hz(&centres, hz).of(&ln), fraction)
+            shaper.pulse_of(&silent, &centres, &ln, fraction)
         };
         let half = pulse.len() / 2;
         for (samples, weight) in channels.iter_mut().zip(&weights) {
@@ -336,7 +334,6 @@ fn match_early(
     channels: &mut [Vec<f64>],
     (end_s, shift_s): (f64, f64),
     shaper: &mut Shaper<'_>,
-    planner: &mut RealFftPlanner<f64>,
 ) {
     let beyond = |b: usize| -> f64 {
         let late = reception.paths.iter().filter(|p| p.delay_s + shift_s >= end_s);
@@ -352,7 +349,7 @@ fn match_early(
     // Room for the gain to ring.
     let used = (used + shaper.length() / 2).min(length);
     channels.iter_mut().for_each(|samples| samples.truncate(used));
-    Matcher::new(shaper, used, planner).match_bands(channels, &target, shaper);
+    Matcher::new(shaper, used).match_bands(channels, &target, 0.0, shaper);
     channels.iter_mut().for_each(|samples| samples.resize(length, 0.0));
 }
 

@@ -4,12 +4,9 @@
 //! steady in narrow bands (`steady`). The sequence is divided into bands whose powers add up to its own, and each is given the envelope
 //! of its echogram. Filtering comes before the envelope, so nothing rings before the first arrival.
 
-use std::sync::Arc;
-
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use realfft::num_complex::Complex64;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use sha2::{Digest, Sha256};
 
 use crate::probe::Reception;
@@ -19,6 +16,7 @@ use super::energy::EnergyCurve;
 use super::envelope::BandFilter;
 use super::spectrum::{between_bins, centres_hz, fade, ln_magnitude};
 use super::steady::{narrow, steady};
+use super::transform::Transform;
 
 /// Half width of the cross-fade between two bands, as a share of the narrower one's width in octaves.
 ///
@@ -59,8 +57,7 @@ pub(super) struct Noise<'a> {
     parts: Vec<Part>,
     /// Filters of the narrow bands.
     narrow: Vec<BandFilter>,
-    forward: Arc<dyn RealToComplex<f64>>,
-    inverse: Arc<dyn ComplexToReal<f64>>,
+    transform: &'a Transform,
 }
 
 /// A band with late sound.
@@ -80,7 +77,7 @@ impl<'a> Noise<'a> {
         curves: &[EnergyCurve],
         bands: &[Band],
         axis: TimeAxis,
-        planner: &mut RealFftPlanner<f64>,
+        transform: &'a Transform,
     ) -> Self {
         let TimeAxis { sample_rate_hz, length, shift_s } = axis;
         let end_s = length as f64 / sample_rate_hz - shift_s;
@@ -88,8 +85,7 @@ impl<'a> Noise<'a> {
             curves.iter().map(|c| (c.remaining_in_bins(0.0) - c.remaining_in_bins(end_s)).max(0.0)).collect();
         let silent: Vec<bool> = energy.iter().map(|e| *e <= 0.0).collect();
         let ln = ln_magnitude(bands, &energy);
-        let grid = smooth_length(length);
-        let (step_hz, bins) = (sample_rate_hz / grid as f64, grid / 2 + 1);
+        let (step_hz, bins) = (sample_rate_hz / transform.length() as f64, transform.bins());
         let mut amplitudes: Vec<f64> =
             between_bins(&centres_hz(bands), step_hz, bins).iter().map(|place| place.of(&ln).exp()).collect();
         for (k, amplitude) in amplitudes.iter_mut().enumerate() {
@@ -105,14 +101,8 @@ impl<'a> Noise<'a> {
             Part { band, first, shares, envelope: envelope(&curves[band], axis) }
         };
         let parts = (0..bands.len()).filter(|b| !silent[*b]).map(part).collect();
-        let (forward, inverse) = (planner.plan_fft_forward(grid), planner.plan_fft_inverse(grid));
-        let narrow = narrow(bands, sample_rate_hz, grid);
-        Self { reception, axis, amplitudes, parts, narrow, forward, inverse }
-    }
-
-    /// Distance of the bins in Hz.
-    pub(super) fn step_hz(&self) -> f64 {
-        self.axis.sample_rate_hz / self.forward.len() as f64
+        let narrow = narrow(bands, sample_rate_hz, transform.length());
+        Self { reception, axis, amplitudes, parts, narrow, transform }
     }
 
     /// Amplitudes of the bins before any change.
@@ -123,37 +113,27 @@ impl<'a> Noise<'a> {
     /// Spectrum of the pulses of a channel, of power 1 in the mean.
     pub(super) fn pulses(&self, seed: u64, channel: usize) -> Vec<Complex64> {
         let generator = |stream: usize| generator(self.reception, seed, stream);
-        let mut samples = random_signs(generator(channel), self.forward.len());
+        let mut samples = random_signs(generator(channel), self.transform.length());
         thin(&mut samples, |n| density(self.reception, self.axis, n), generator(PLACES));
         let scale = 1.0 / (samples.len() as f64).sqrt();
         samples.iter_mut().for_each(|s| *s *= scale);
-        let mut pulses = self.forward.make_output_vec();
-        // Buffers have the plan's own lengths, the only thing the transforms can object to.
-        let done = self.forward.process(&mut samples, &mut pulses);
-        debug_assert!(done.is_ok());
-        pulses
+        self.transform.spectrum(samples)
     }
 
     /// Makes the noise of every band of `pulses` with the `amplitudes`; where there is some, of the bands that have `changed` (one a bin).
     pub(super) fn make(&self, layers: &mut Vec<Layer>, pulses: &[Complex64], amplitudes: &[f64], changed: &[bool]) {
-        let grid = self.forward.len();
+        let grid = self.transform.length();
         let mut spectrum: Vec<Complex64> = pulses.iter().zip(amplitudes).map(|(h, a)| h * a).collect();
         steady(&mut spectrum, amplitudes, &self.narrow);
         let layer = |part: &Part| {
-            let (mut filtered, mut power) = (self.forward.make_output_vec(), 0.0);
+            let (mut filtered, mut power) = (vec![Complex64::ZERO; self.transform.bins()], 0.0);
             for (n, share) in part.shares.iter().enumerate() {
                 let k = part.first + n;
                 // Bins between 0 and half the sample rate stand for two frequencies.
                 power += (share * amplitudes[k]).powi(2) * if k == 0 || 2 * k == grid { 1.0 } else { 2.0 };
                 filtered[k] = spectrum[k] * share;
             }
-            filtered[0].im = 0.0;
-            if let Some(last) = filtered.last_mut() {
-                last.im = 0.0;
-            }
-            let mut samples = self.inverse.make_output_vec();
-            let done = self.inverse.process(&mut filtered, &mut samples);
-            debug_assert!(done.is_ok());
+            let mut samples = self.transform.samples(&mut filtered);
             samples.truncate(self.axis.length);
             let mut realised = 0.0;
             for (s, e) in samples.iter_mut().zip(&part.envelope) {
@@ -331,23 +311,6 @@ fn outer_fade(bands: &[Band], hz: f64) -> f64 {
     low * high
 }
 
-/// The smallest even product of 2, 3 and 5 that is not below `least`: a fast transform length.
-pub(super) fn smooth_length(least: usize) -> usize {
-    let mut n = least.max(2).next_multiple_of(2);
-    loop {
-        let mut rest = n;
-        for p in [2, 3, 5] {
-            while usize::is_multiple_of(rest, p) {
-                rest /= p;
-            }
-        }
-        if rest == 1 {
-            return n;
-        }
-        n += 2;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -365,10 +328,5 @@ mod tests {
             let sum: f64 = (0..8).map(|b| share(&bands, b)(hz).powi(2)).sum();
             assert!((sum - 1.0).abs() < 1e-12, "{hz}: {sum}");
         }
-    }
-
-    #[test]
-    fn transform_lengths_are_smooth_and_not_below_what_is_asked() {
-        assert_eq!([1, 2, 7, 31, 72_000, 72_001].map(smooth_length), [2, 2, 8, 32, 72_000, 72_900]);
     }
 }

@@ -5,11 +5,10 @@
 //! ln |H| is linear in the values at the centres, so is its minimum phase: one Hilbert transform a band serves all paths.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use realfft::num_complex::Complex64;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
+use super::transform::Transform;
 use crate::scene::Band;
 
 /// Floor of a silent band in the phase computation, 80 dB below the rest; the magnitude itself is 0 there.
@@ -160,28 +159,13 @@ struct Fade {
 
 /// Minimum phase of ln |H| = `ln_magnitude` (bins 0 to half of an even transform length), from the folded real cepstrum
 /// (A. V. Oppenheim and R. W. Schafer, Discrete-Time Signal Processing, chapter on cepstrum analysis).
-pub(super) fn minimum_phase(
-    ln_magnitude: &[f64],
-    forward: &Arc<dyn RealToComplex<f64>>,
-    inverse: &Arc<dyn ComplexToReal<f64>>,
-) -> Vec<f64> {
+pub(super) fn minimum_phase(ln_magnitude: &[f64], transform: &Transform) -> Vec<f64> {
     let mut spectrum: Vec<Complex64> = ln_magnitude.iter().map(|ln| Complex64::new(*ln, 0.0)).collect();
-    let mut cepstrum = inverse.make_output_vec();
-    // Buffers have the plans' own lengths, the only thing the transforms can object to.
-    let done = inverse.process(&mut spectrum, &mut cepstrum);
-    debug_assert!(done.is_ok());
-    let (half, scale) = (cepstrum.len() / 2, 1.0 / cepstrum.len() as f64);
-    for (n, c) in cepstrum.iter_mut().enumerate() {
-        *c *= match n {
-            0 => scale,
-            n if n < half => 2.0 * scale,
-            n if n == half => scale,
-            _ => 0.0,
-        };
-    }
-    let done = forward.process(&mut cepstrum, &mut spectrum);
-    debug_assert!(done.is_ok());
-    spectrum.iter().map(|s| s.im).collect()
+    let mut cepstrum = transform.samples(&mut spectrum);
+    let half = cepstrum.len() / 2;
+    cepstrum[1..half].iter_mut().for_each(|c| *c *= 2.0);
+    cepstrum[half + 1..].fill(0.0);
+    transform.spectrum(cepstrum).iter().map(|s| s.im).collect()
 }
 
 /// Makes pulses with given band values, as near to minimum phase as their peak allows.
@@ -194,20 +178,17 @@ pub(super) struct Shaper<'a> {
     /// Minimum phase of ln |H| = 1 at one centre and 0 at the others; `[band][bin]`.
     unit_phase: Vec<Vec<f64>>,
     fades: BTreeMap<Vec<bool>, Fade>,
-    forward: Arc<dyn RealToComplex<f64>>,
-    inverse: Arc<dyn ComplexToReal<f64>>,
+    transform: Transform,
     spectrum: Vec<Complex64>,
     pulse: Vec<f64>,
 }
 
 impl<'a> Shaper<'a> {
     /// Prepares the grid for `bands` (at least one).
-    pub(super) fn new(bands: &'a [Band], sample_rate_hz: f64, planner: &mut RealFftPlanner<f64>) -> Self {
+    pub(super) fn new(bands: &'a [Band], sample_rate_hz: f64) -> Self {
         let length = ((0.17 * sample_rate_hz) as usize).next_power_of_two().max(64);
         let centres = centres_hz(bands);
-        let places: Vec<Between> =
-            (0..=length / 2).map(|k| between_hz(&centres, k as f64 * sample_rate_hz / length as f64)).collect();
-        let (forward, inverse) = (planner.plan_fft_forward(length), planner.plan_fft_inverse(length));
+        let places = between_bins(&centres, sample_rate_hz / length as f64, length / 2 + 1);
         let mut shaper = Self {
             bands,
             length,
@@ -215,10 +196,9 @@ impl<'a> Shaper<'a> {
             places,
             unit_phase: Vec::new(),
             fades: BTreeMap::new(),
-            spectrum: forward.make_output_vec(),
-            pulse: vec![0.0; length],
-            forward,
-            inverse,
+            spectrum: vec![Complex64::ZERO; length / 2 + 1],
+            pulse: Vec::new(),
+            transform: Transform::new(length),
         };
         for b in 0..bands.len() {
             let unit: Vec<f64> = (0..bands.len()).map(|i| f64::from(u8::from(i == b))).collect();
@@ -246,15 +226,7 @@ impl<'a> Shaper<'a> {
 
     /// Minimum phase of `ln_magnitude` on the pulse grid.
     fn minimum_phase(&mut self, ln_magnitude: &[f64]) -> Vec<f64> {
-        minimum_phase(ln_magnitude, &self.forward, &self.inverse)
-    }
-
-    /// Inverse transform of `spectrum` into `pulse`, unscaled; the ends of the spectrum are made real.
-    fn transform_back(&mut self) {
-        self.spectrum[0].im = 0.0;
-        self.spectrum[self.length / 2].im = 0.0;
-        let done = self.inverse.process(&mut self.spectrum, &mut self.pulse);
-        debug_assert!(done.is_ok());
+        minimum_phase(ln_magnitude, &self.transform)
     }
 
     /// Computes the fade of a set of silent bands, unless all sound or it is there already.
@@ -299,22 +271,30 @@ impl<'a> Shaper<'a> {
         &self.pulse
     }
 
-    /// The pulse with the spectrum exp(`ln_magnitude`(f)), else as [`Self::pulse`].
-    pub(super) fn pulse_of(&mut self, silent: &[bool], ln_magnitude: impl Fn(f64) -> f64, fraction: f64) -> &[f64] {
-        self.shape(silent, ln_magnitude, fraction);
+    /// The pulse with the polygon of ln |H| through `values` at `points_hz`, else as [`Self::pulse`].
+    pub(super) fn pulse_of(&mut self, silent: &[bool], points_hz: &[f64], values: &[f64], fraction: f64) -> &[f64] {
+        self.shape(silent, points_hz, values, fraction);
         &self.pulse
     }
 
-    /// Phase on the pulse grid of a gain exp(`ln_gain`(f)) with `silent` bands faded out, chosen as for a pulse, and its
-    /// share of the minimum phase.
-    pub(super) fn gain_phase(&mut self, silent: &[bool], ln_gain: impl Fn(f64) -> f64) -> (Vec<f64>, f64) {
-        self.shape(silent, ln_gain, 0.0)
+    /// The gain whose ln is the polygon through `values` at `points_hz`, on the pulse grid, as its logarithm, with the phase chosen as
+    /// for a pulse; and its share of the minimum phase. The fade of `silent` bands is in the phase alone.
+    pub(super) fn gain(&mut self, silent: &[bool], points_hz: &[f64], values: &[f64]) -> (Vec<Complex64>, f64) {
+        let (ln, phase, share) = self.shape(silent, points_hz, values, 0.0);
+        (ln.into_iter().zip(phase).map(|(ln, phase)| Complex64::new(ln, phase)).collect(), share)
     }
 
-    /// Makes the pulse of any spectrum; returns its phase and the share of the minimum phase.
-    fn shape(&mut self, silent: &[bool], ln_magnitude: impl Fn(f64) -> f64, fraction: f64) -> (Vec<f64>, f64) {
+    /// Makes the pulse of a polygon; returns ln |H| without the fade, the phase and its share of the minimum phase.
+    fn shape(
+        &mut self,
+        silent: &[bool],
+        points_hz: &[f64],
+        values: &[f64],
+        fraction: f64,
+    ) -> (Vec<f64>, Vec<f64>, f64) {
         self.prepare_fade(silent);
-        let ln: Vec<f64> = self.frequencies().map(ln_magnitude).collect();
+        let places = between_bins(points_hz, self.sample_rate_hz / self.length as f64, self.places.len());
+        let ln: Vec<f64> = places.iter().map(|place| place.of(values)).collect();
         let mut phase = self.minimum_phase(&ln);
         let mut magnitude: Vec<f64> = ln.iter().map(|ln| ln.exp()).collect();
         if let Some(fade) = self.fades.get(silent) {
@@ -324,22 +304,21 @@ impl<'a> Shaper<'a> {
             }
         }
         let share = self.settle(&magnitude, &mut phase, fraction);
-        (phase, share)
+        (ln, phase, share)
     }
 
     /// Makes the pulse of a spectrum and reduces its phase until the peak is in time, to the share returned.
     fn settle(&mut self, magnitude: &[f64], phase: &mut [f64], fraction: f64) -> f64 {
-        let scale = 1.0 / self.length as f64;
         let turn = Complex64::cis(-std::f64::consts::TAU * fraction / self.length as f64);
         let mut share = 1.0;
         loop {
-            let mut delay = Complex64::new(scale, 0.0);
+            let mut delay = Complex64::ONE;
             for (k, s) in self.spectrum.iter_mut().enumerate() {
                 let (sin, cos) = (share * phase[k]).sin_cos();
                 *s = Complex64::new(magnitude[k] * cos, magnitude[k] * sin) * delay;
                 delay *= turn;
             }
-            self.transform_back();
+            self.pulse = self.transform.samples(&mut self.spectrum);
             if share == 0.0 || self.peak_is_in_time(fraction) {
                 break;
             }
@@ -432,7 +411,7 @@ mod tests {
     #[test]
     fn a_minimum_phase_pulse_has_nothing_before_its_arrival() {
         let bands = octaves();
-        let mut shaper = Shaper::new(&bands, 48_000.0, &mut RealFftPlanner::new());
+        let mut shaper = Shaper::new(&bands, 48_000.0);
         let ln: Vec<f64> = bands.iter().map(|b| -0.5 * centre_hz(b).ln()).collect();
         let pulse = shaper.pulse(&ln, &[false; 8], 0.0);
         let half = pulse.len() / 2;
@@ -447,7 +426,7 @@ mod tests {
     #[test]
     fn the_peak_is_in_time_even_when_only_one_low_band_sounds() {
         let bands = octaves();
-        let mut shaper = Shaper::new(&bands, 48_000.0, &mut RealFftPlanner::new());
+        let mut shaper = Shaper::new(&bands, 48_000.0);
         let silent: Vec<bool> = (0..8).map(|b| b != 2).collect();
         let pulse = shaper.pulse(&[0.0; 8], &silent, 0.3);
         let peak = (0..pulse.len()).max_by(|a, b| pulse[*a].abs().total_cmp(&pulse[*b].abs()));
