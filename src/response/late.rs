@@ -56,7 +56,7 @@ pub(super) fn join(
         for (spectrum, samples) in early.iter_mut().zip(channels.iter_mut()) {
             matcher.apply(&gain, spectrum, samples);
         }
-        let gain: Vec<f64> = gain.iter().map(|g| g.norm()).collect();
+        let gain: Vec<f64> = gain.iter().map(|g| g.norm_sqr().sqrt()).collect();
         changed = gain.iter().map(|g| (g - 1.0).abs() > UNCHANGED).collect();
         amplitudes.iter_mut().zip(&gain).for_each(|(a, g)| *a *= g);
     }

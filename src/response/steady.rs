@@ -30,7 +30,7 @@ pub(super) fn steady(spectrum: &mut [Complex64], amplitudes: &[f64], filters: &[
         for (filter, modulus) in filters.iter().zip(&moduli) {
             let mut change = filter.envelope(spectrum);
             for z in &mut change {
-                *z *= modulus / z.norm().max(f64::MIN_POSITIVE) - 1.0;
+                *z *= modulus / z.norm_sqr().sqrt().max(f64::MIN_POSITIVE) - 1.0;
             }
             filter.add(change, spectrum);
         }
