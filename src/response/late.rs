@@ -1,7 +1,8 @@
 //! Late sound joined to early sound: noise with the energies of the echogram, and the band levels of both together.
 //!
-//! Noise of finite length misses its spectrum, and interferes with the early sound, so that band levels are some tenths of a dB off. A gain on the sum would mend that but change decays. Instead one factor a band on the noise meets the white means, and
-//! where filtered means still miss, the early sound takes the smooth gain and the noise is made anew with it, before its envelope.
+//! Noise of finite length misses its spectrum, and interferes with the early sound, so that band levels are some tenths of a dB off. A
+//! gain on the sum would mend that but change decays. Instead one factor a band on the noise meets the white means, and where filtered
+//! means still miss, the early sound takes the smooth gain and the noise is made anew with it, before its envelope.
 
 use realfft::num_complex::Complex64;
 
@@ -17,7 +18,6 @@ use crate::probe::Reception;
 const ROUNDS: usize = 3;
 /// Change of the amplitude, as a share, below which noise stays as it is.
 const UNCHANGED: f64 = 0.03;
-
 /// Below this frequency the last gain leaves alone what filters measure of a band, beyond its own energy: noise of few degrees of freedom
 /// would be bent so much that the next band's decay would follow.
 const FILTERS_FROM_HZ: f64 = 100.0;
