@@ -63,6 +63,8 @@ pub struct Bend {
     /// Whether the wave belongs to the path that makes the direct sound continuous, and those that belong to the reflections
     /// by face A and face B.
     pub parts: [bool; 3],
+    /// Pressure reflection factors that the waves of face A and face B carry.
+    pub faces: [f64; 2],
 }
 
 impl Bend {
@@ -74,6 +76,46 @@ impl Bend {
     /// Sum of both angles: below pi face A reflects; above twice the edge's angle less pi face B.
     pub fn sum(&self, at: DVec2) -> f64 {
         self.end.about(&self.corner).phi + self.corner.about(at).phi
+    }
+
+    /// Whether the end's mirror image in face A (0) or B (1) is in sight of a place past the edge.
+    pub fn reflects(&self, at: DVec2, face: usize) -> bool {
+        match face {
+            0 => self.sum(at) < PI,
+            _ => self.sum(at) > 2.0 * self.corner.exterior_angle - PI,
+        }
+    }
+
+    /// By how much in m the way over the edge to a place is longer than that of the end's mirror image in face A (0) or B (1).
+    pub fn past_face_m(&self, at: DVec2, face: usize) -> f64 {
+        let (end, place) = (self.end.about(&self.corner), self.corner.about(at));
+        let sum = end.phi + place.phi;
+        let beside = 1.0 + [sum, 2.0 * self.corner.exterior_angle - sum][face].cos();
+        if end.r_m.is_infinite() {
+            return place.r_m * beside;
+        }
+        let over_m = end.r_m + place.r_m;
+        over_m - (over_m * over_m - 2.0 * end.r_m * place.r_m * beside).max(0.0).sqrt()
+    }
+
+    /// The end's mirror image in face A (0) or B (1).
+    pub fn mirrored(&self, face: usize) -> End {
+        let Corner { at, face_a, normal_a, exterior_angle } = self.corner;
+        let (sin, cos) = exterior_angle.sin_cos();
+        let normal = [normal_a, normal_a * cos - face_a * sin][face];
+        let mirror = |v: DVec2| v - normal * (2.0 * v.dot(normal));
+        match self.end {
+            End::At(place) => End::At(at + mirror(place - at)),
+            End::Along(d) => End::Along(mirror(d)),
+        }
+    }
+
+    /// Whether the shortest way to a place leads over the edge.
+    fn hides(&self, at: DVec2) -> bool {
+        match self.parts[0] {
+            true => self.span(at) > PI,
+            false => ![0, 1].into_iter().any(|face| self.parts[1 + face] && self.reflects(at, face)),
+        }
     }
 
     /// Length in m of the way over the edge to a place; of a plane wave from the wave front through the origin.
@@ -96,6 +138,8 @@ pub struct Sight {
 pub struct Flank {
     /// Where its sound comes from or goes to.
     pub end: End,
+    /// Whether that is on this side of the wall; else nothing comes but over edges.
+    pub faces: bool,
     /// The edges between that and the opening.
     pub bends: Vec<Bend>,
 }
@@ -103,7 +147,7 @@ pub struct Flank {
 impl Flank {
     /// Length in m of the shortest way to a place in the opening, as if each edge stood there alone.
     pub fn length_m(&self, to: DVec2) -> f64 {
-        let over = |bend: &Bend| if bend.parts[0] && bend.span(to) > PI { bend.length_m(to) } else { f64::INFINITY };
+        let over = |bend: &Bend| if !self.faces || bend.hides(to) { bend.length_m(to) } else { f64::INFINITY };
         let shaded = self.bends.iter().map(over).fold(f64::INFINITY, f64::min);
         if shaded.is_finite() { shaded } else { self.end.length_m(to) }
     }
@@ -113,9 +157,9 @@ impl Flank {
 struct Known {
     direct_m: Option<f64>,
     wave: Wave,
-    /// Field of the edge, parts of it, length in m of the way its phases count from, and the share of the direct sound that
-    /// belongs to it exactly on its boundary.
-    bends: Vec<(WedgeField, [bool; 3], f64, f64)>,
+    /// Field of the edge, factors of its three parts, length in m of the way its phases count from, and the share of the direct
+    /// sound that belongs to it exactly on its boundary.
+    bends: Vec<(WedgeField, [f64; 3], f64, f64)>,
 }
 
 impl Known {
@@ -126,7 +170,9 @@ impl Known {
             let to = bend.corner.about(at);
             let field = WedgeField::new(bend.corner.exterior_angle, bend.end.about(&bend.corner), to, wave, spectrum);
             let [missing, _] = field.missing([sight.direct, false]);
-            (field, bend.parts, bend.length_m(at), missing)
+            let factors = [(0, 1.0), (1, bend.faces[0]), (2, bend.faces[1])];
+            let parts = factors.map(|(part, factor)| if bend.parts[part] { factor } else { 0.0 });
+            (field, parts, bend.length_m(at), missing)
         });
         Self { direct_m: sight.direct.then(|| flank.end.length_m(at)), wave, bends: bends.collect() }
     }
@@ -135,13 +181,8 @@ impl Known {
         let mut sum = self.direct_m.map_or(Complex64::ZERO, |length| free_wave(self.wave, length, k));
         for (field, parts, over_m, missing) in &self.bends {
             let sent = field.diffracted(k, |_| 1.0);
-            let mut own = Complex64::ZERO;
-            for (part, felt) in [sent.incident, sent.faces[0], sent.faces[1]].into_iter().zip(parts) {
-                if *felt {
-                    own += part;
-                }
-            }
-            if *missing != 0.0 && parts[0] {
+            let mut own = parts[0] * sent.incident + parts[1] * sent.faces[0] + parts[2] * sent.faces[1];
+            if *missing != 0.0 && parts[0] > 0.0 {
                 own += *missing * field.undisturbed(field.lengths_m()[0], k);
             }
             sum += own * Complex64::from_polar(1.0, k * over_m);
