@@ -5,7 +5,12 @@ mod reference;
 use diffray::geometry::Geometry;
 use diffray::paths;
 use diffray::scene::Scene;
-use reference::{Errors, Row, SCREEN, head, level, probe, slit, source, table};
+use diffray::wbsdf::crossing::Spectrum;
+use diffray::wbsdf::flanked::{Apertures, End, Flank, Sight};
+use diffray::wbsdf::mask::Mask;
+use diffray::wbsdf::wedge::Wave;
+use glam::DVec2;
+use reference::{Errors, Row, SCREEN, head, largest_step, level, probe, slit, source, table};
 
 fn wall(name: &str, edge: [f64; 2], degrees: f64) -> String {
     let (sin, cos) = degrees.to_radians().sin_cos();
@@ -155,4 +160,35 @@ fn levels_are_continuous_where_a_face_of_the_edge_begins_to_reflect() {
         }
     }
     println!("steps of 12.5 mm bend by {:.4} dB at most, steps of 1 mm change {:.4} dB", largest[0], largest[1]);
+}
+
+#[test]
+fn levels_do_not_jump_where_an_opening_becomes_wide_enough_to_count_as_thin() {
+    let spectrum = Spectrum { low_hz: 707.106781, high_hz: 1414.213562, speed_m_s: 343.0 };
+    let flank = |r: f64, degrees: f64, side: f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        Flank { end: End::At(DVec2::new(r * sin, side * r * cos)), faces: true, bends: Vec::new() }
+    };
+    let mut largest = 0.0_f64;
+    for thickness_m in [0.002, 0.008, 0.016] {
+        let openings = (0..=78).map(|i| 95.0 * thickness_m * 1.004_f64.powi(i));
+        let apertures: Vec<Apertures> = openings
+            .map(|width_m| Mask::new(&[[-0.5 * width_m, 0.5 * width_m]]))
+            .map(|mask| Apertures::new(&mask, thickness_m, &spectrum, 1.0).unwrap())
+            .collect();
+        for (before, behind) in [(0.0, 10.0), (-20.0, 84.0), (60.0, -70.0), (-84.0, -86.0), (82.0, 87.0), (85.0, -83.0)]
+        {
+            let (from, to) = (flank(3.0, before, -1.0), flank(4.0, behind, 1.0));
+            let level = |apertures: &Apertures| {
+                let open = Sight { direct: true, bends: Vec::new() };
+                let sights = [-1.0, 1.0].map(|side| vec![open.clone(); apertures.places(side).count()]);
+                let field = apertures.field([&from, &to], [-1.0, 1.0], [&sights[0], &sights[1]]);
+                10.0 * field.mean(Wave::Line, 1.0).log10()
+            };
+            let step = largest_step(&apertures.iter().map(level).collect::<Vec<_>>());
+            largest = largest.max(step);
+            assert!(step < 0.01, "{thickness_m} m, {before}, {behind} degrees: a step of {step} dB");
+        }
+    }
+    println!("largest step {largest:.4} dB");
 }

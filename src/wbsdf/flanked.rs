@@ -21,7 +21,8 @@ use super::chain::Corner;
 use super::crossing::Spectrum;
 use super::edge::AboutEdge;
 use super::mask::Mask;
-use super::slit::{MOST_FREQUENCIES, Solver, depth_counts, gauss_nodes, resonant};
+use super::slit::{MOST_FREQUENCIES, Solver, depths_of, gauss_nodes, resonant};
+use super::thick::blended;
 use super::wedge::{Wave, WedgeField, free_wave};
 
 /// Most frequencies a band for wide openings.
@@ -191,17 +192,32 @@ impl Known {
     }
 }
 
-/// The factorised apertures of a band, all on the same places of the opening.
+/// The factorised apertures of a band.
 pub struct Apertures {
-    /// Wave numbers in 1/m in space, weights, and the apertures at them across the edges.
-    nodes: Vec<(f64, f64, Solver)>,
-    /// Where the fields are asked for, in m across the opening.
-    places_m: Vec<f64>,
-    /// Half of the depth in m that counts.
-    half_depth_m: f64,
+    /// Wave numbers in 1/m in space, and weights.
+    nodes: Vec<(f64, f64)>,
+    /// At each depth that counts.
+    depths: Vec<AtDepth>,
     sin_beta: f64,
     /// The band as it is across the edges.
     across: Spectrum,
+}
+
+/// The apertures at one depth, all on the same places of the opening.
+struct AtDepth {
+    /// Its share of the intensity.
+    share: f64,
+    half_depth_m: f64,
+    /// One a node, at its wave number across the edges.
+    solvers: Vec<Solver>,
+    /// Where the fields are asked for, in m across the opening.
+    places_m: Vec<f64>,
+}
+
+impl AtDepth {
+    fn places(&self, side: f64) -> impl Iterator<Item = DVec2> {
+        self.places_m.iter().map(move |x| DVec2::new(*x, self.half_depth_m.copysign(side)))
+    }
 }
 
 impl Apertures {
@@ -212,43 +228,57 @@ impl Apertures {
         if openings.is_empty() || openings.iter().flatten().any(|x| x.is_infinite()) {
             return None;
         }
-        let depth_m = if depth_counts(mask, thickness_m) { thickness_m } else { 0.0 };
+        let depths = depths_of(mask, thickness_m);
+        let deepest_m = depths.iter().fold(0.0_f64, |deepest, (_, depth_m)| deepest.max(*depth_m));
         let across = Spectrum { speed_m_s: spectrum.speed_m_s / sin_beta, ..*spectrum };
         let (low, high) = (across.low_k(), across.high_k());
         let span = openings[openings.len() - 1][1] - openings[0][0];
         // As for the opening alone, and some for edges in sight.
-        let smooth = 0.5 * (high - low) * (span + depth_m);
-        let most = if depth_m > 0.0 { MOST_FREQUENCIES } else { MOST_OF_WIDE };
+        let smooth = 0.5 * (high - low) * (span + deepest_m);
+        let most = if deepest_m > 0.0 { MOST_FREQUENCIES } else { MOST_OF_WIDE };
         let count = match high > low {
-            true => (8 + (smooth + resonant(openings, depth_m, low, high)).ceil() as usize).min(most),
+            true => (8 + (smooth + resonant(openings, deepest_m, low, high)).ceil() as usize).min(most),
             false => 1,
         };
-        let nodes: Vec<(f64, f64, Solver)> = gauss_nodes(spectrum.low_k(), spectrum.high_k(), count)
-            .map(|(k, weight)| (k, weight, Solver::resolved(mask, depth_m, k * sin_beta, high)))
-            .collect();
-        let places_m = nodes[0].2.positions();
-        Some(Self { nodes, places_m, half_depth_m: 0.5 * depth_m, sin_beta, across })
+        let nodes: Vec<(f64, f64)> = gauss_nodes(spectrum.low_k(), spectrum.high_k(), count).collect();
+        let at_depth = |(share, depth_m): (f64, f64)| {
+            let solver = |(k, _): &(f64, f64)| Solver::resolved(mask, depth_m, k * sin_beta, high);
+            let solvers: Vec<Solver> = nodes.iter().map(solver).collect();
+            AtDepth { share, half_depth_m: 0.5 * depth_m, places_m: solvers[0].positions(), solvers }
+        };
+        let depths = depths.into_iter().map(at_depth).collect();
+        Some(Self { nodes, depths, sin_beta, across })
     }
 
-    /// The places in the mouth on the side of the sign of `side`.
+    /// The places in the mouths on the side of the sign of `side`.
     pub fn places(&self, side: f64) -> impl Iterator<Item = DVec2> {
-        self.places_m.iter().map(move |x| DVec2::new(*x, self.half_depth_m.copysign(side)))
+        self.depths.iter().flat_map(move |depth| depth.places(side))
     }
 
     /// Pressures at the wave numbers of the band, of source and receiver: the sides of the wall where they meet it (sign of z)
     /// and what every place there sees of them.
     pub fn field(&self, flanks: [&Flank; 2], sides: [f64; 2], sights: [&[Sight]; 2]) -> FlankedField {
-        let known = [0, 1].map(|n| -> Vec<Known> {
-            let places = self.places(sides[n]).zip(sights[n]);
-            places.map(|(at, sight)| Known::new(flanks[n], sight, at, &self.across)).collect()
-        });
-        let at = |(k, weight, solver): &(f64, f64, Solver)| {
-            let across = k * self.sin_beta;
-            let [into, out] = [0, 1].map(|n| known[n].iter().map(|place| place.at(across)).collect::<Vec<_>>());
-            // The receiver's field is in units of sqrt(pi k/2) H0.
-            (*k, *weight, solver.couple(into, &out) / (0.5 * PI * across).sqrt())
+        let mut before = 0;
+        let known = |depth: &AtDepth| {
+            let first = before;
+            before += depth.places_m.len();
+            [0, 1].map(|n| -> Vec<Known> {
+                let places = depth.places(sides[n]).zip(&sights[n][first..]);
+                places.map(|(at, sight)| Known::new(flanks[n], sight, at, &self.across)).collect()
+            })
         };
-        FlankedField { nodes: self.nodes.iter().map(at).collect(), sin_beta: self.sin_beta }
+        let known: Vec<[Vec<Known>; 2]> = self.depths.iter().map(known).collect();
+        let at = |(n, (k, weight)): (usize, &(f64, f64))| {
+            let across = k * self.sin_beta;
+            let pressure = |(depth, known): (&AtDepth, &[Vec<Known>; 2])| {
+                let [into, out] = known.each_ref().map(|known| known.iter().map(|place| place.at(across)).collect());
+                let out: Vec<Complex64> = out;
+                // The receiver's field is in units of sqrt(pi k/2) H0.
+                (depth.share, depth.solvers[n].couple(into, &out) / (0.5 * PI * across).sqrt())
+            };
+            (*k, *weight, blended(self.depths.iter().zip(&known).map(pressure)))
+        };
+        FlankedField { nodes: self.nodes.iter().enumerate().map(at).collect(), sin_beta: self.sin_beta }
     }
 }
 
