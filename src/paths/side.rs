@@ -27,8 +27,7 @@ pub(super) struct Passed<'p> {
     pub(super) image: usize,
     /// Shortest detour in m over it; 0 where it hides the end from a part of the opening.
     pub(super) detour_m: f64,
-    /// By how much in m the way over it is longer than those of the end's mirror images in its faces; 0 where a face reflects to
-    /// a part of the opening.
+    /// By how much in m the way over it is longer at least than those of the end's mirror images in its faces.
     pub(super) past_faces_m: [f64; 2],
     /// The faces whose waves are ways of their own.
     pub(super) apart: [bool; 2],
@@ -111,17 +110,15 @@ impl View<'_> {
             let longer = |at: &DVec2| (bend.length_m(*at) - end.length_m(*at)).max(0.0);
             let own_m = places.iter().filter(|at| !hides(at)).map(longer).fold(f64::INFINITY, f64::min);
             let over_m = places.iter().filter(|at| hides(at)).map(longer).fold(f64::INFINITY, f64::min);
-            let detour_m = match over_m.is_finite() {
-                true if !*lit.get_or_insert_with(|| side.is_seen(self, pair, &places, y_m)) => 0.0,
-                _ => own_m.min(over_m),
+            let unseen = over_m.is_finite() && !*lit.get_or_insert_with(|| side.is_seen(self, pair, &places, y_m));
+            let detour_m = if unseen { 0.0 } else { own_m.min(over_m) };
+            let past_face_m = |face: usize| {
+                let places = places.iter().map(|at| bend.past_face_m(*at, face));
+                if border { f64::INFINITY } else { places.fold(f64::INFINITY, f64::min) }
             };
-            let past_faces_m = [0, 1].map(|face| match lit_by[face] {
-                _ if border => f64::INFINITY,
-                count if (1..places.len()).contains(&count) => 0.0,
-                _ => places.iter().map(|at| bend.past_face_m(*at, face)).fold(f64::INFINITY, f64::min),
-            });
-            // Where the edge hides the end all over, all ways lead over it and are one.
-            let dark = places.iter().all(hides);
+            let past_faces_m = [0, 1].map(past_face_m);
+            // Where nothing sees the end, all ways lead over edges and are one.
+            let dark = unseen || places.iter().all(hides);
             let apart = any.map(|any| !(on_face || border || any || dark));
             bend.parts = match (on_face, border) {
                 // In the plane of a face direct sound and reflection are one.
