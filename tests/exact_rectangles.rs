@@ -2,7 +2,11 @@
 
 mod reference;
 
-use reference::{Errors, Row, SCREEN, head, level, probe, source, table};
+use diffray::wbsdf::crossing::Spectrum;
+use diffray::wbsdf::mask::{Jambs, Mask};
+use diffray::wbsdf::rectangle::Rectangle;
+use glam::DVec3;
+use reference::{Errors, Row, SCREEN, head, largest_step, level, probe, source, table};
 
 fn errors(mean: &str, chosen: impl Fn(&Row) -> bool) -> Errors {
     errors_of(table("rectangles").into_iter().chain(table("hatches")), mean, chosen)
@@ -273,6 +277,76 @@ fn rectangles_are_reciprocal_and_symmetric() {
             // The opening is the same from behind and upside down.
             assert!((level - through(&o, back(p), back(s), band_hz)).abs() < 1e-6, "{x} {band_hz}");
             assert!((level - through(&o, mirrored(s), mirrored(p), band_hz)).abs() < 1e-6, "{x} {band_hz}");
+        }
+    }
+}
+
+/// A rectangle in a rigid wall, an octave band.
+fn rectangle(width_m: f64, height_m: f64, depth_m: f64, hz: f64) -> Rectangle {
+    let spectrum = Spectrum { low_hz: hz / 2f64.sqrt(), high_hz: hz * 2f64.sqrt(), speed_m_s: 343.0 };
+    let mask = |width_m: f64| Mask::new(&[[-0.5 * width_m, 0.5 * width_m]]);
+    Rectangle::new(&mask(width_m), &mask(height_m), depth_m, &spectrum, Jambs::Rigid)
+}
+
+/// A place at the distance `r_m`, off the normal by angles in both planes, before (side -1) or behind the opening.
+fn off_normal(r_m: f64, degrees: [f64; 2], side: f64) -> DVec3 {
+    let [x, y] = degrees.map(|d| d.to_radians().tan());
+    let d = DVec3::new(x, y, 1.0).normalize();
+    r_m * DVec3::new(d.x, d.y, side * d.z)
+}
+
+#[test]
+fn levels_do_not_jump_where_a_rectangle_becomes_wide_enough_to_count_as_thin() {
+    let directions = [
+        ([0.0, 0.0], [10.0, 5.0]),
+        ([-20.0, 10.0], [84.0, 3.0]),
+        ([-84.0, 0.0], [-86.0, 2.0]),
+        ([85.0, 0.0], [-83.0, 1.0]),
+        ([60.0, 60.0], [-70.0, 50.0]),
+        ([75.0, 80.0], [80.0, 75.0]),
+    ];
+    let mut largest = 0.0_f64;
+    // Solved exactly, with narrow sides, and of edges and corners.
+    for (thickness_m, height_m, hz) in
+        [(0.002, 0.3, 1000.0), (0.002, 2.0, 2000.0), (0.008, 0.8, 500.0), (0.004, 0.5, 2000.0)]
+    {
+        let opening = |width_m: f64, depth_m: f64| rectangle(width_m, height_m, depth_m, hz);
+        // From 95 to 130 times the depth by the width, and back by the depth.
+        let ratios = (0..=26).map(|i| 95.0 * 1.012_f64.powi(i));
+        let sweeps: [Vec<Rectangle>; 2] = [
+            ratios.clone().map(|ratio| opening(ratio * thickness_m, thickness_m)).collect(),
+            ratios.map(|ratio| opening(100.0 * thickness_m, 100.0 * thickness_m / ratio)).collect(),
+        ];
+        for (before, behind) in directions {
+            let (source, receiver) = (off_normal(3.0, before, -1.0), off_normal(4.0, behind, 1.0));
+            for sweep in &sweeps {
+                let levels: Vec<f64> = sweep.iter().map(|r| 10.0 * r.intensity(source, receiver).log10()).collect();
+                let step = largest_step(&levels);
+                largest = largest.max(step);
+                assert!(
+                    step < 0.02,
+                    "{thickness_m} m, {height_m} m, {hz} Hz, {before:?} {behind:?}: a step of {step} dB"
+                );
+            }
+        }
+    }
+    println!("largest step {largest:.4} dB");
+}
+
+#[test]
+fn levels_do_not_jump_where_a_corner_has_no_depth_any_more() {
+    // From k times width 14 to 18; below, the corner's own opening has the depth of the wall as far as its edges have.
+    for (thickness_m, height_m, hz) in [(0.1, 2.0, 2000.0), (0.3, 2.0, 2000.0), (0.1, 0.9, 2000.0)] {
+        let opening = |i: i32| rectangle(0.36 + 0.004 * f64::from(i), height_m, thickness_m, hz);
+        let sweep: Vec<Rectangle> = (0..=26).map(opening).collect();
+        for (before, behind) in
+            [([60.0, 60.0], [-70.0, 50.0]), ([75.0, 80.0], [80.0, 75.0]), ([50.0, 55.0], [60.0, 50.0])]
+        {
+            let (source, receiver) = (off_normal(3.0, before, -1.0), off_normal(4.0, behind, 1.0));
+            let levels: Vec<f64> = sweep.iter().map(|r| 10.0 * r.intensity(source, receiver).log10()).collect();
+            let step = largest_step(&levels);
+            println!("{thickness_m} m, {height_m} m, {before:?} {behind:?}: {step:.4} dB");
+            assert!(step < 0.1, "{thickness_m} m, {height_m} m, {before:?} {behind:?}: a step of {step} dB");
         }
     }
 }

@@ -257,7 +257,7 @@ impl<'a> Ends<'_, 'a> {
 }
 
 /// Pressure reflection factor of a face, one a band: the root of the specularly reflected share.
-fn reflection_factors(scene: &Scene, geometry: &Geometry, edge: &Edge, face: usize) -> Vec<f64> {
+pub(super) fn reflection_factors(scene: &Scene, geometry: &Geometry, edge: &Edge, face: usize) -> Vec<f64> {
     let surfaces = &geometry.planes()[edge.planes[face]].surfaces;
     let own = surfaces.iter().find(|s| geometry.surfaces[**s].group == edge.groups[face]);
     let Some(surface) = own.or(surfaces.first()) else { return vec![1.0; scene.bands.len()] };

@@ -25,7 +25,7 @@ use crate::wbsdf::crossing::Spectrum;
 /// Differences of two ways, in half wavelengths of the lower band edge, between which pressures turn into energies.
 pub(super) const COHERENT_FRESNEL: [f64; 2] = [2.0, 4.0];
 /// The same for direct sound and reflection, counted from the reflection boundary.
-const JOINED_FRESNEL: [f64; 2] = [0.0, 1.0];
+pub(super) const JOINED_FRESNEL: [f64; 2] = [0.0, 1.0];
 
 /// Relative change of an intensity below which an edge is left out (0.0004 dB).
 const UNHEARD: f64 = 1e-4;

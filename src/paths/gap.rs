@@ -6,8 +6,9 @@ use glam::DVec3;
 use num_complex::Complex64;
 
 use super::Pair;
-use super::flanked::{Keyed, Solved, View, replace};
+use super::flanked::{Solved, View};
 use super::images::{ImageTree, Origin};
+use super::joined::{Keyed, replace};
 use super::rectangle::Rectangles;
 use super::wave::{Sound, Wave};
 use crate::geometry::{Geometry, Skip};
@@ -120,13 +121,14 @@ impl Gap {
         let first = waves.len();
         let label = |s: usize, p: usize| self.label(pair.geometry, pair.source, s, pair.probe, p);
         let rigid = matches!(pair.scene.simulation.transport, Transport::Wbsdf | Transport::Exact);
+        let mut begun = Vec::new();
         let mut paths;
         match &self.shape {
             Shape::Slits(tables) => {
                 paths = self.slit_paths(pair, tables, waves);
                 if rigid {
                     let views = [view(tables.mask(), [f64::NEG_INFINITY, f64::INFINITY], tables.thickness_m(), false)];
-                    replace(&views, pair, &mut paths, (waves, first), None, &label);
+                    replace(&views, pair, &mut paths, (waves, first), &mut begun, None, &label);
                 }
             }
             Shape::Rectangles(rectangles) => {
@@ -141,11 +143,12 @@ impl Gap {
                             let [from, to] = ends.map(|e| if turned { DVec3::new(e.y, e.x, e.z) } else { e });
                             rectangles.whole(pair, band, from, to)
                         };
-                        replace(&[view], pair, &mut paths, (waves, first), Some(&whole), &label);
+                        replace(&[view], pair, &mut paths, (waves, first), &mut begun, Some(&whole), &label);
                     }
                 }
             }
         }
+        waves.append(&mut begun);
         paths.into_iter().map(|(_, path)| path).collect()
     }
 

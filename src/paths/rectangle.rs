@@ -11,9 +11,9 @@ use num_complex::Complex64;
 use rayon::prelude::*;
 
 use super::Pair;
-use super::flanked::Keyed;
 use super::gap::{Gap, SIGHT_PLACES};
 use super::images::{ImageTree, Loss, Origin};
+use super::joined::Keyed;
 use super::wave::{FEW, Sound, Wave, frequencies};
 use crate::geometry::{Element, Geometry, Portal, Skip};
 use crate::probe::EarlyPath;

@@ -37,6 +37,30 @@ pub(super) struct Wave<'a> {
 /// Pressure in a band (by its index: materials and air) at a wave number in 1/m.
 type Pressure<'a> = Box<dyn Fn(usize, f64) -> Complex64 + Send + Sync + 'a>;
 
+impl<'a> Wave<'a> {
+    /// The pressure in a band at a wave number in 1/m, of waves that are told at any.
+    fn at(&self, band: usize, k: f64) -> Complex64 {
+        match &self.sound {
+            Sound::At(pressure) => pressure(band, k),
+            Sound::Smooth(_) => Complex64::ZERO,
+        }
+    }
+
+    /// This wave in the `shares` (one a band), and another one in what is left of them.
+    pub(super) fn mixed(self, other: Self, shares: Vec<f64>) -> Self {
+        if shares.iter().all(|share| *share == 1.0) {
+            return self;
+        }
+        let length_m = self.length_m.min(other.length_m);
+        let longest_m = (self.length_m + self.wander_m).max(other.length_m + other.wander_m);
+        let pressure = move |band: usize, k: f64| match shares[band] {
+            1.0 => self.at(band, k),
+            share => share * self.at(band, k) + (1.0 - share) * other.at(band, k),
+        };
+        Self { length_m, wander_m: longest_m - length_m, sound: Sound::at(pressure) }
+    }
+}
+
 /// How a wave depends on frequency.
 pub(super) enum Sound<'a> {
     /// A pressure with the phase of the whole way.
@@ -98,6 +122,17 @@ pub(super) fn together(
             .sum()
     };
     spectra.iter().zip(nodes).enumerate().map(mean).collect()
+}
+
+/// Band mean of what two waves bring together beside the sum of their energies.
+pub(super) fn interference(a: &Wave<'_>, b: &Wave<'_>, band: usize, spectrum: &Spectrum) -> f64 {
+    let (low, high) = (spectrum.low_k(), spectrum.high_k());
+    let apart_m = (a.length_m - b.length_m).abs() + a.wander_m + b.wander_m;
+    if (high - low) * (a.length_m - b.length_m).abs() > FORGOTTEN {
+        return 0.0;
+    }
+    let nodes = gauss_nodes(low, high, frequencies(FEW, high - low, apart_m));
+    nodes.map(|(k, weight)| 2.0 * weight * (a.at(band, k) * b.at(band, k).conj()).re).sum()
 }
 
 impl<'w, 'a> Heard<'w, 'a> {

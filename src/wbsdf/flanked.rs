@@ -21,7 +21,8 @@ use super::chain::Corner;
 use super::crossing::Spectrum;
 use super::edge::AboutEdge;
 use super::mask::Mask;
-use super::slit::{MOST_FREQUENCIES, Solver, depth_counts, gauss_nodes, resonant};
+use super::slit::{MOST_FREQUENCIES, Solver, depths_of, gauss_nodes, resonant};
+use super::thick::blended;
 use super::wedge::{Wave, WedgeField, free_wave};
 
 /// Most frequencies a band for wide openings.
@@ -63,6 +64,8 @@ pub struct Bend {
     /// Whether the wave belongs to the path that makes the direct sound continuous, and those that belong to the reflections
     /// by face A and face B.
     pub parts: [bool; 3],
+    /// Pressure reflection factors that the waves of face A and face B carry.
+    pub faces: [f64; 2],
 }
 
 impl Bend {
@@ -74,6 +77,46 @@ impl Bend {
     /// Sum of both angles: below pi face A reflects; above twice the edge's angle less pi face B.
     pub fn sum(&self, at: DVec2) -> f64 {
         self.end.about(&self.corner).phi + self.corner.about(at).phi
+    }
+
+    /// Whether the end's mirror image in face A (0) or B (1) is in sight of a place past the edge.
+    pub fn reflects(&self, at: DVec2, face: usize) -> bool {
+        match face {
+            0 => self.sum(at) < PI,
+            _ => self.sum(at) > 2.0 * self.corner.exterior_angle - PI,
+        }
+    }
+
+    /// By how much in m the way over the edge to a place is longer than that of the end's mirror image in face A (0) or B (1).
+    pub fn past_face_m(&self, at: DVec2, face: usize) -> f64 {
+        let (end, place) = (self.end.about(&self.corner), self.corner.about(at));
+        let sum = end.phi + place.phi;
+        let beside = 1.0 + [sum, 2.0 * self.corner.exterior_angle - sum][face].cos();
+        if end.r_m.is_infinite() {
+            return place.r_m * beside;
+        }
+        let over_m = end.r_m + place.r_m;
+        over_m - (over_m * over_m - 2.0 * end.r_m * place.r_m * beside).max(0.0).sqrt()
+    }
+
+    /// The end's mirror image in face A (0) or B (1).
+    pub fn mirrored(&self, face: usize) -> End {
+        let Corner { at, face_a, normal_a, exterior_angle } = self.corner;
+        let (sin, cos) = exterior_angle.sin_cos();
+        let normal = [normal_a, normal_a * cos - face_a * sin][face];
+        let mirror = |v: DVec2| v - normal * (2.0 * v.dot(normal));
+        match self.end {
+            End::At(place) => End::At(at + mirror(place - at)),
+            End::Along(d) => End::Along(mirror(d)),
+        }
+    }
+
+    /// Whether the shortest way to a place leads over the edge.
+    fn hides(&self, at: DVec2) -> bool {
+        match self.parts[0] {
+            true => self.span(at) > PI,
+            false => ![0, 1].into_iter().any(|face| self.parts[1 + face] && self.reflects(at, face)),
+        }
     }
 
     /// Length in m of the way over the edge to a place; of a plane wave from the wave front through the origin.
@@ -96,6 +139,8 @@ pub struct Sight {
 pub struct Flank {
     /// Where its sound comes from or goes to.
     pub end: End,
+    /// Whether that is on this side of the wall; else nothing comes but over edges.
+    pub faces: bool,
     /// The edges between that and the opening.
     pub bends: Vec<Bend>,
 }
@@ -103,7 +148,7 @@ pub struct Flank {
 impl Flank {
     /// Length in m of the shortest way to a place in the opening, as if each edge stood there alone.
     pub fn length_m(&self, to: DVec2) -> f64 {
-        let over = |bend: &Bend| if bend.parts[0] && bend.span(to) > PI { bend.length_m(to) } else { f64::INFINITY };
+        let over = |bend: &Bend| if !self.faces || bend.hides(to) { bend.length_m(to) } else { f64::INFINITY };
         let shaded = self.bends.iter().map(over).fold(f64::INFINITY, f64::min);
         if shaded.is_finite() { shaded } else { self.end.length_m(to) }
     }
@@ -113,9 +158,9 @@ impl Flank {
 struct Known {
     direct_m: Option<f64>,
     wave: Wave,
-    /// Field of the edge, parts of it, length in m of the way its phases count from, and the share of the direct sound that
-    /// belongs to it exactly on its boundary.
-    bends: Vec<(WedgeField, [bool; 3], f64, f64)>,
+    /// Field of the edge, factors of its three parts, length in m of the way its phases count from, and the share of the direct
+    /// sound that belongs to it exactly on its boundary.
+    bends: Vec<(WedgeField, [f64; 3], f64, f64)>,
 }
 
 impl Known {
@@ -126,7 +171,9 @@ impl Known {
             let to = bend.corner.about(at);
             let field = WedgeField::new(bend.corner.exterior_angle, bend.end.about(&bend.corner), to, wave, spectrum);
             let [missing, _] = field.missing([sight.direct, false]);
-            (field, bend.parts, bend.length_m(at), missing)
+            let factors = [(0, 1.0), (1, bend.faces[0]), (2, bend.faces[1])];
+            let parts = factors.map(|(part, factor)| if bend.parts[part] { factor } else { 0.0 });
+            (field, parts, bend.length_m(at), missing)
         });
         Self { direct_m: sight.direct.then(|| flank.end.length_m(at)), wave, bends: bends.collect() }
     }
@@ -135,13 +182,8 @@ impl Known {
         let mut sum = self.direct_m.map_or(Complex64::ZERO, |length| free_wave(self.wave, length, k));
         for (field, parts, over_m, missing) in &self.bends {
             let sent = field.diffracted(k, |_| 1.0);
-            let mut own = Complex64::ZERO;
-            for (part, felt) in [sent.incident, sent.faces[0], sent.faces[1]].into_iter().zip(parts) {
-                if *felt {
-                    own += part;
-                }
-            }
-            if *missing != 0.0 && parts[0] {
+            let mut own = parts[0] * sent.incident + parts[1] * sent.faces[0] + parts[2] * sent.faces[1];
+            if *missing != 0.0 && parts[0] > 0.0 {
                 own += *missing * field.undisturbed(field.lengths_m()[0], k);
             }
             sum += own * Complex64::from_polar(1.0, k * over_m);
@@ -150,17 +192,32 @@ impl Known {
     }
 }
 
-/// The factorised apertures of a band, all on the same places of the opening.
+/// The factorised apertures of a band.
 pub struct Apertures {
-    /// Wave numbers in 1/m in space, weights, and the apertures at them across the edges.
-    nodes: Vec<(f64, f64, Solver)>,
-    /// Where the fields are asked for, in m across the opening.
-    places_m: Vec<f64>,
-    /// Half of the depth in m that counts.
-    half_depth_m: f64,
+    /// Wave numbers in 1/m in space, and weights.
+    nodes: Vec<(f64, f64)>,
+    /// At each depth that counts.
+    depths: Vec<AtDepth>,
     sin_beta: f64,
     /// The band as it is across the edges.
     across: Spectrum,
+}
+
+/// The apertures at one depth, all on the same places of the opening.
+struct AtDepth {
+    /// Its share of the intensity.
+    share: f64,
+    half_depth_m: f64,
+    /// One a node, at its wave number across the edges.
+    solvers: Vec<Solver>,
+    /// Where the fields are asked for, in m across the opening.
+    places_m: Vec<f64>,
+}
+
+impl AtDepth {
+    fn places(&self, side: f64) -> impl Iterator<Item = DVec2> {
+        self.places_m.iter().map(move |x| DVec2::new(*x, self.half_depth_m.copysign(side)))
+    }
 }
 
 impl Apertures {
@@ -171,43 +228,57 @@ impl Apertures {
         if openings.is_empty() || openings.iter().flatten().any(|x| x.is_infinite()) {
             return None;
         }
-        let depth_m = if depth_counts(mask, thickness_m) { thickness_m } else { 0.0 };
+        let depths = depths_of(mask, thickness_m);
+        let deepest_m = depths.iter().fold(0.0_f64, |deepest, (_, depth_m)| deepest.max(*depth_m));
         let across = Spectrum { speed_m_s: spectrum.speed_m_s / sin_beta, ..*spectrum };
         let (low, high) = (across.low_k(), across.high_k());
         let span = openings[openings.len() - 1][1] - openings[0][0];
         // As for the opening alone, and some for edges in sight.
-        let smooth = 0.5 * (high - low) * (span + depth_m);
-        let most = if depth_m > 0.0 { MOST_FREQUENCIES } else { MOST_OF_WIDE };
+        let smooth = 0.5 * (high - low) * (span + deepest_m);
+        let most = if deepest_m > 0.0 { MOST_FREQUENCIES } else { MOST_OF_WIDE };
         let count = match high > low {
-            true => (8 + (smooth + resonant(openings, depth_m, low, high)).ceil() as usize).min(most),
+            true => (8 + (smooth + resonant(openings, deepest_m, low, high)).ceil() as usize).min(most),
             false => 1,
         };
-        let nodes: Vec<(f64, f64, Solver)> = gauss_nodes(spectrum.low_k(), spectrum.high_k(), count)
-            .map(|(k, weight)| (k, weight, Solver::resolved(mask, depth_m, k * sin_beta, high)))
-            .collect();
-        let places_m = nodes[0].2.positions();
-        Some(Self { nodes, places_m, half_depth_m: 0.5 * depth_m, sin_beta, across })
+        let nodes: Vec<(f64, f64)> = gauss_nodes(spectrum.low_k(), spectrum.high_k(), count).collect();
+        let at_depth = |(share, depth_m): (f64, f64)| {
+            let solver = |(k, _): &(f64, f64)| Solver::resolved(mask, depth_m, k * sin_beta, high);
+            let solvers: Vec<Solver> = nodes.iter().map(solver).collect();
+            AtDepth { share, half_depth_m: 0.5 * depth_m, places_m: solvers[0].positions(), solvers }
+        };
+        let depths = depths.into_iter().map(at_depth).collect();
+        Some(Self { nodes, depths, sin_beta, across })
     }
 
-    /// The places in the mouth on the side of the sign of `side`.
+    /// The places in the mouths on the side of the sign of `side`.
     pub fn places(&self, side: f64) -> impl Iterator<Item = DVec2> {
-        self.places_m.iter().map(move |x| DVec2::new(*x, self.half_depth_m.copysign(side)))
+        self.depths.iter().flat_map(move |depth| depth.places(side))
     }
 
     /// Pressures at the wave numbers of the band, of source and receiver: the sides of the wall where they meet it (sign of z)
     /// and what every place there sees of them.
     pub fn field(&self, flanks: [&Flank; 2], sides: [f64; 2], sights: [&[Sight]; 2]) -> FlankedField {
-        let known = [0, 1].map(|n| -> Vec<Known> {
-            let places = self.places(sides[n]).zip(sights[n]);
-            places.map(|(at, sight)| Known::new(flanks[n], sight, at, &self.across)).collect()
-        });
-        let at = |(k, weight, solver): &(f64, f64, Solver)| {
-            let across = k * self.sin_beta;
-            let [into, out] = [0, 1].map(|n| known[n].iter().map(|place| place.at(across)).collect::<Vec<_>>());
-            // The receiver's field is in units of sqrt(pi k/2) H0.
-            (*k, *weight, solver.couple(into, &out) / (0.5 * PI * across).sqrt())
+        let mut before = 0;
+        let known = |depth: &AtDepth| {
+            let first = before;
+            before += depth.places_m.len();
+            [0, 1].map(|n| -> Vec<Known> {
+                let places = depth.places(sides[n]).zip(&sights[n][first..]);
+                places.map(|(at, sight)| Known::new(flanks[n], sight, at, &self.across)).collect()
+            })
         };
-        FlankedField { nodes: self.nodes.iter().map(at).collect(), sin_beta: self.sin_beta }
+        let known: Vec<[Vec<Known>; 2]> = self.depths.iter().map(known).collect();
+        let at = |(n, (k, weight)): (usize, &(f64, f64))| {
+            let across = k * self.sin_beta;
+            let pressure = |(depth, known): (&AtDepth, &[Vec<Known>; 2])| {
+                let [into, out] = known.each_ref().map(|known| known.iter().map(|place| place.at(across)).collect());
+                let out: Vec<Complex64> = out;
+                // The receiver's field is in units of sqrt(pi k/2) H0.
+                (depth.share, depth.solvers[n].couple(into, &out) / (0.5 * PI * across).sqrt())
+            };
+            (*k, *weight, blended(self.depths.iter().zip(&known).map(pressure)))
+        };
+        FlankedField { nodes: self.nodes.iter().enumerate().map(at).collect(), sin_beta: self.sin_beta }
     }
 }
 

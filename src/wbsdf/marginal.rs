@@ -8,7 +8,7 @@ use num_complex::Complex64;
 use super::aperture::Aperture;
 use super::crossing::{Incident, Spectrum};
 use super::slit::{gauss_nodes, resonant};
-use super::thick::{ThickAperture, is_thick};
+use super::thick::{ThickAperture, depths};
 
 /// The exact aperture's far field Lambda |A|^2 / (width sin^2 beta), band mean, over sin(beta), sin(theta_i),
 /// sin(theta_o): what the position-averaged weight times O^2 is for a wide opening.
@@ -36,7 +36,8 @@ impl Marginal {
         let ka = spectrum.high_k() * width_m;
         let directions = if ka < 1.5 { 9 } else { 17 };
         let (low, high) = (spectrum.low_k(), spectrum.high_k());
-        let deep = is_thick(width_m, thickness_m);
+        let depths = depths(width_m, thickness_m);
+        let deep = depths.iter().any(|(_, depth_m)| *depth_m > 0.0);
         let half = 0.5 * width_m;
         let resonances = if deep { resonant(&[[-half, half]], thickness_m, low, high) } else { 0.0 };
         let count = if high > low { (3 + resonances.ceil() as usize).min(MOST_NODES) } else { 1 };
@@ -46,15 +47,16 @@ impl Marginal {
         for beta in 0..BETAS {
             let sin_beta = MIN_SIN_BETA + (1.0 - MIN_SIN_BETA) * beta as f64 / (BETAS - 1) as f64;
             let mut plane = vec![0.0; directions * directions];
-            for (k, weight) in gauss_nodes(low, high, count) {
-                let scale = weight * TAU / (k * width_m * sin_beta * sin_beta);
+            let nodes = gauss_nodes(low, high, count).flat_map(|node| depths.iter().map(move |depth| (node, *depth)));
+            for ((k, weight), (share, depth_m)) in nodes {
+                let scale = share * weight * TAU / (k * width_m * sin_beta * sin_beta);
                 let mut add = |i: usize, amplitudes: &[Complex64]| {
                     for (o, amplitude) in amplitudes.iter().enumerate() {
                         plane[i * directions + o] += scale * amplitude.norm_sqr();
                     }
                 };
-                if deep {
-                    let aperture = ThickAperture::new(&[[-half, half]], thickness_m, k * sin_beta);
+                if depth_m > 0.0 {
+                    let aperture = ThickAperture::new(&[[-half, half]], depth_m, k * sin_beta);
                     for (i, sin_i) in sines.iter().enumerate() {
                         add(i, &aperture.far_amplitude(*sin_i, &sines));
                     }

@@ -3,6 +3,7 @@
 pub mod aperture;
 pub mod chain;
 pub mod crossing;
+mod depths;
 mod descent;
 pub mod edge;
 mod factors;

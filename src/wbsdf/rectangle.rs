@@ -7,20 +7,19 @@
 //! the edges of that smaller opening.
 
 use std::collections::HashMap;
-use std::f64::consts::PI;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use glam::DVec3;
 use num_complex::Complex64;
 
 use super::crossing::Spectrum;
-use super::hatch::{Driven, Hatch, View, unknowns};
+use super::depths::Depths;
+use super::hatch::{Driven, View, unknowns};
 use super::mask::{Jambs, Mask};
 use super::product::paraxial_intensity;
-use super::rim::{NARROW_SIDE_KA, Rim, facing, gap_panels, only, shortest_over, span};
-use super::series::Panels;
+use super::rim::{NARROW_SIDE_KA, Rim, deep_share_of_edges, facing, only, shortest_over, span};
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
-use super::thick::is_thick;
+use super::thick::{depths, shared};
 use super::timed::{Cost, Timed};
 
 /// k times width of both sides up to which traced rays meet a small hole.
@@ -83,15 +82,15 @@ pub struct Rectangle {
     thickness_m: f64,
     spectrum: Spectrum,
     jambs: Jambs,
-    exact: Option<(Hatch, Panels)>,
+    exact: Option<Depths>,
     /// What sources do in the exact rectangle, and how it sees receivers, by the bits of their coordinates.
-    sources: Known<Driven>,
-    receivers: Known<View>,
+    sources: Known<Vec<Driven>>,
+    receivers: Known<Vec<View>>,
     rim: Timed<Rim>,
     /// An opening of the same corners that is small enough to be solved exactly, and what is known of points about it.
     corner: Timed<Arc<Corner>>,
-    corner_sources: Known<Driven>,
-    corner_receivers: Known<View>,
+    corner_sources: Known<Vec<Driven>>,
+    corner_receivers: Known<Vec<View>>,
     corners: Arc<Corners>,
     /// The openings one by one where there are several.
     parts: Vec<Self>,
@@ -103,7 +102,7 @@ struct Corner {
     sides: [f64; 2],
     depth: f64,
     spectrum: Spectrum,
-    hatch: Hatch,
+    exact: Depths,
     rim: Rim,
 }
 
@@ -113,8 +112,9 @@ pub struct Corners(Mutex<Vec<Arc<Corner>>>);
 
 impl Corners {
     fn of(&self, sides: [f64; 2], thickness: f64, spectrum: &Spectrum) -> Arc<Corner> {
-        let narrower = sides[0].min(sides[1]);
-        let depth = if is_thick(narrower, thickness) { thickness } else { 0.0 };
+        // As deep as its edges take it.
+        let deep = deep_share_of_edges(sides[0].min(sides[1]), thickness, 1.0);
+        let depth = if deep > 0.0 { thickness } else { 0.0 };
         let same = |a: f64, b: f64| (a - b).abs() <= 1e-6 * b;
         let is_this = |c: &&Arc<Corner>| {
             same(c.sides[0], sides[0])
@@ -128,11 +128,10 @@ impl Corners {
             return Arc::clone(known);
         }
         let limits = sides.map(|side| [-0.5 * side, 0.5 * side]);
-        let nodes = wave_numbers(sides[0], sides[1], depth, spectrum).nodes();
-        let hatch = Hatch::new(limits[0], limits[1], depth, &nodes);
+        let exact = Depths::new(limits[0], limits[1], &shared(deep, thickness), spectrum);
         let [x, y] = limits.map(|limits| Mask::new(&[limits]));
-        let rim = Rim::new(&x, &y, thickness, spectrum);
-        let new = Arc::new(Corner { sides, depth, spectrum: *spectrum, hatch, rim });
+        let rim = Rim::new(&x, &y, depth, spectrum);
+        let new = Arc::new(Corner { sides, depth, spectrum: *spectrum, exact, rim });
         all.push(Arc::clone(&new));
         new
     }
@@ -177,11 +176,8 @@ impl Rectangle {
         let exact = only(x).zip(only(y)).and_then(|(x_m, y_m)| {
             let (width, height) = (x_m[1] - x_m[0], y_m[1] - y_m[0]);
             let few = matches!(Sides::of(width, height, spectrum), Sides::Exact | Sides::SmallHole);
-            (few && jambs == Jambs::Rigid).then(|| {
-                let depth = if is_thick(width.min(height), thickness_m) { thickness_m } else { 0.0 };
-                let panels = wave_numbers(width, height, depth, spectrum);
-                (Hatch::new(x_m, y_m, depth, &panels.nodes()), panels)
-            })
+            (few && jambs == Jambs::Rigid)
+                .then(|| Depths::new(x_m, y_m, &depths(width.min(height), thickness_m), spectrum))
         });
         let several = x.openings().len() > 1;
         let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, thickness_m, spectrum, jambs);
@@ -246,12 +242,11 @@ impl Rectangle {
         let rim = (share < 1.0).then(|| self.edges().pressure(source, receiver));
         // Half a diagonal more than the shortest way is the middle of the others.
         let middle_m = length_m + 0.5 * diagonal_m(&self.x, &self.y);
-        let exact = self.exact.as_ref().filter(|_| share > 0.0).map(|(hatch, panels)| {
-            let (driven, seen) = (self.drive(hatch, source), self.see(hatch, receiver));
-            let pressures = hatch.pressures(&driven, &seen).zip(panels.nodes());
-            let values = pressures.map(|(p, (k, _))| p * Complex64::from_polar(1.0, -k * middle_m));
-            panels.through(&values.collect::<Vec<_>>())
-        });
+        let exact = self
+            .exact
+            .as_ref()
+            .filter(|_| share > 0.0)
+            .map(|exact| exact.envelope(&self.drive(exact, source), &self.see(exact, receiver), middle_m));
         let exact_m = exact.as_ref().map_or(0.0, |_| diagonal_m(&self.x, &self.y));
         let wander_m = rim.as_ref().map_or(0.0, |(_, wander_m)| *wander_m).max(exact_m);
         let pressure = move |k: f64| {
@@ -263,8 +258,8 @@ impl Rectangle {
 
     /// By the exact rectangle, 0 where it is not solved.
     fn exactly(&self, source: DVec3, receiver: DVec3) -> f64 {
-        let Some((hatch, _)) = &self.exact else { return 0.0 };
-        hatch.intensity(&self.drive(hatch, source), &self.see(hatch, receiver))
+        let Some(exact) = &self.exact else { return 0.0 };
+        exact.intensity(&self.drive(exact, source), &self.see(exact, receiver))
     }
 
     /// What a corner changes of the intensity that its edges send.
@@ -279,21 +274,18 @@ impl Rectangle {
         }
         let small = self.corner.get_or_make(|| {
             let small = solvable(sides, k, CORNER_UNKNOWNS);
-            // Wide openings are thin; a gap keeps its width and its depth.
-            let gap = small[0].min(small[1]) == sides[0].min(sides[1]);
-            let thickness_m = if gap { self.thickness_m } else { 0.0 };
             let Spectrum { low_hz, high_hz, speed_m_s } = self.spectrum;
             let spectrum = Spectrum { low_hz, high_hz, speed_m_s: k * speed_m_s };
-            self.corners.of(small.map(|side| k * side), k * thickness_m, &spectrum)
+            self.corners.of(small.map(|side| k * side), k * self.thickness_m, &spectrum)
         });
         let half = small.sides.map(|side| 0.5 * side / k);
         let inward = |at: f64, limits: [f64; 2], half: f64| if at == limits[0] { at + half } else { at - half };
         let middle = DVec3::new(inward(corner.x, x_m, half[0]), inward(corner.y, y_m, half[1]), 0.0);
         let [source, receiver] = [source, receiver].map(|point| k * (point - middle));
         let edges = small.rim.intensity(source, receiver);
-        let driven = self.corner_sources.of(source, || small.hatch.driven(&small.hatch.view(source)));
-        let seen = self.corner_receivers.of(receiver, || small.hatch.view(receiver));
-        let exact = small.hatch.intensity(&driven, &seen);
+        let driven = self.corner_sources.of(source, || small.exact.driven(source));
+        let seen = self.corner_receivers.of(receiver, || small.exact.view(receiver));
+        let exact = small.exact.intensity(&driven, &seen);
         if edges > 0.0 { alone * exact / edges + 1.0 - alone } else { 1.0 }
     }
 
@@ -325,17 +317,17 @@ impl Rectangle {
         self.edges().intensity(source, receiver)
     }
 
-    fn drive(&self, hatch: &Hatch, source: DVec3) -> Arc<Driven> {
-        self.sources.of(source, || hatch.driven(&hatch.view(source)))
+    fn drive(&self, exact: &Depths, source: DVec3) -> Arc<Vec<Driven>> {
+        self.sources.of(source, || exact.driven(source))
     }
 
-    fn see(&self, hatch: &Hatch, receiver: DVec3) -> Arc<View> {
-        self.receivers.of(receiver, || hatch.view(receiver))
+    fn see(&self, exact: &Depths, receiver: DVec3) -> Arc<Vec<View>> {
+        self.receivers.of(receiver, || exact.view(receiver))
     }
 
     /// The frequencies at which it is solved exactly, and the seconds that its edges and its corners' small openings took.
     pub fn cost(&self) -> Cost {
-        let frequencies = self.exact.as_ref().map_or(0, |(hatch, _)| hatch.frequencies());
+        let frequencies = self.exact.as_ref().map_or(0, Depths::frequencies);
         let own = Cost { frequencies, seconds: self.rim.seconds() + self.corner.seconds() };
         [own].into_iter().chain(self.parts.iter().map(Self::cost)).sum()
     }
@@ -395,18 +387,6 @@ fn solvable(sides: [f64; 2], k: f64, most: f64) -> [f64; 2] {
     sides.map(|side| side.min(low))
 }
 
-/// Wave numbers for the mean over a band through an opening of `width_m` by `height_m` and `depth_m`.
-///
-/// |p|^2 varies over the band like cos(k d), d at most twice the diagonal, and little of it beyond one and a half (octave levels are
-/// within 0.002 dB). A mouth of area A sends back
-/// 1 - k^2 A/pi of a wave in the gap (a piston's radiation), one that is wide across 1 - k a: so wide are the resonances.
-fn wave_numbers(width_m: f64, height_m: f64, depth_m: f64, spectrum: &Spectrum) -> Panels {
-    let (low, high) = (spectrum.low_k(), spectrum.high_k());
-    let narrower = width_m.min(height_m);
-    let mouth = narrower.min(low * width_m * height_m / PI);
-    gap_panels(0.35 * width_m.hypot(height_m) + 0.7 * depth_m, depth_m, [narrower, mouth], [low, high])
-}
-
 /// Share of the power that meets an opening, `thickness_m` deep, which it passes of a diffuse field, band mean. `None` for a slit
 /// longer than what is solved at the cost of a table.
 ///
@@ -421,12 +401,14 @@ pub fn diffuse_transmission(width_m: f64, height_m: f64, thickness_m: f64, spect
         _ if 0.5 * (low + high) * narrow < NARROW_KA => return None,
         _ => solvable(sides, high, TABLE_UNKNOWNS),
     };
-    let depth = if is_thick(narrow, thickness_m) { thickness_m } else { 0.0 };
-    let resonances = if depth > 0.0 { resonant(&[[0.0, narrow]], depth, low, high) } else { 0.0 };
-    // Of all directions together little varies over a band but the gap's resonances.
-    let count = if high > low { 2 + (resonances.ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
-    let nodes: Vec<(f64, f64)> = gauss_nodes(low, high, count).collect();
-    let passes = super::hatch::diffuse_transmission(solved[0], solved[1], depth, &nodes);
+    let passes = |(share, depth): (f64, f64)| {
+        let resonances = if depth > 0.0 { resonant(&[[0.0, narrow]], depth, low, high) } else { 0.0 };
+        // Of all directions together little varies over a band but the gap's resonances.
+        let count = if high > low { 2 + (resonances.ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
+        let nodes: Vec<(f64, f64)> = gauss_nodes(low, high, count).collect();
+        share * super::hatch::diffuse_transmission(solved[0], solved[1], depth, &nodes)
+    };
+    let passes: f64 = depths(narrow, thickness_m).into_iter().map(passes).sum();
     let edges_over_area = |[x, y]: [f64; 2]| 1.0 / x + 1.0 / y;
     Some(1.0 + (passes - 1.0) * edges_over_area(sides) / edges_over_area(solved))
 }

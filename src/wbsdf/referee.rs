@@ -10,7 +10,8 @@ use num_complex::Complex64;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::mask::{Jambs, Mask};
 use super::quadrature::RaySum;
-use super::slit::{Solver, half_plane, sin_beta, single_edge, spread};
+use super::slit::{Solver, depths_of, half_plane, sin_beta, single_edge, spread};
+use super::thick::blended;
 
 /// Frequencies of a band, at the middles of equal parts: exact reference tables are made this way (docs/verification.md).
 const FREQUENCIES: usize = 64;
@@ -34,10 +35,16 @@ pub fn exact_intensity(mask: &Mask, thickness_m: f64, crossing: &Crossing, spect
     let sin_beta = sin_beta(mask, crossing);
     let sum: f64 = (0..count)
         .map(|i| low + (i as f64 + 0.5) / count as f64 * (high - low))
-        .map(|k| Solver::new(mask, thickness_m, k * sin_beta, FINER).transfer(crossing).norm_sqr())
+        .map(|k| transfer(mask, thickness_m, k * sin_beta, FINER, crossing).norm_sqr())
         .sum();
     let value = sum / count as f64 * spread(mask, crossing);
     RaySum { value, error: 1e-4 * value, absolute: value, rays: count }
+}
+
+/// p/|p_free| across the edges at wave number `k` across them, with `finer` times as many unknowns as usual.
+fn transfer(mask: &Mask, thickness_m: f64, k: f64, finer: usize, crossing: &Crossing) -> Complex64 {
+    let depths = depths_of(mask, thickness_m).into_iter();
+    blended(depths.map(|(share, depth_m)| (share, Solver::new(mask, depth_m, k, finer).transfer(crossing))))
 }
 
 /// Complex pressure behind bounded openings at wave number `k` in 1/m: its square is the intensity relative to the source's
@@ -50,7 +57,7 @@ pub fn pressure(mask: &Mask, thickness_m: f64, crossing: &Crossing, k: f64) -> C
         return Complex64::ZERO;
     }
     let sin_beta = sin_beta(mask, crossing);
-    let transfer = Solver::new(mask, thickness_m, k * sin_beta, 1).transfer(crossing) * spread(mask, crossing).sqrt();
+    let transfer = transfer(mask, thickness_m, k * sin_beta, 1, crossing) * spread(mask, crossing).sqrt();
     match crossing.incident {
         Incident::Plane { .. } => transfer,
         // The equation's source is (i/4) H0.

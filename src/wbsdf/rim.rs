@@ -18,7 +18,7 @@ use super::edge::AboutEdge;
 use super::mask::Mask;
 use super::series::Panels;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
-use super::thick::{ThickAperture, is_thick};
+use super::thick::{ThickAperture, blended, deep_share};
 use super::two_edges::Run;
 use super::wedge::{Wave, WedgeField, free_wave};
 
@@ -57,7 +57,7 @@ struct ExactSide {
 impl ExactSide {
     fn new(mask: &Mask, thickness_m: f64, k: f64) -> Self {
         let width = narrowest_m(mask);
-        let share = if is_thick(width, thickness_m) { fade(k * width, DEEP_KA) } else { 0.0 };
+        let share = deep_share_of_edges(width, thickness_m, k);
         let deep = (share > 0.0).then(|| (share, ThickAperture::new(mask.openings(), thickness_m, k)));
         Self { deep, thin: Aperture::new(mask.openings(), k) }
     }
@@ -67,14 +67,17 @@ impl ExactSide {
         match &self.deep {
             Some((share, deep)) if *share == 1.0 => deep.transfer(crossing),
             Some((share, deep)) => {
-                let (deep, thin) = (deep.transfer(crossing), self.thin.transfer(crossing));
-                // Both modulus and phase between the two.
-                let square = share * deep.norm_sqr() + (1.0 - share) * thin.norm_sqr();
-                Complex64::from_polar(square.sqrt(), (deep * *share + thin * (1.0 - share)).arg())
+                let both = [(*share, deep.transfer(crossing)), (1.0 - share, self.thin.transfer(crossing))];
+                blended(both.into_iter())
             }
             None => self.thin.transfer(crossing),
         }
     }
+}
+
+/// Share of the depth that counts between the edges of a side `width_m` across, at the wave number `k` in 1/m: none where it is wide.
+pub(super) fn deep_share_of_edges(width_m: f64, thickness_m: f64, k: f64) -> f64 {
+    deep_share(width_m, thickness_m) * fade(k * width_m, DEEP_KA)
 }
 
 /// Width in m of the narrowest opening.

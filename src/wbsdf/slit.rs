@@ -13,7 +13,7 @@ use super::mask::{Jambs, Mask};
 use super::multipole::{Lit, Multipoles};
 use super::quadrature::RaySum;
 use super::tables::Solved;
-use super::thick::{ThickAperture, deep_share};
+use super::thick::{ThickAperture, deep_share, shared};
 use super::timed::{Cost, Timed};
 use super::two_edges::{edge_field, two_edges};
 use super::wedge::coherent;
@@ -140,9 +140,9 @@ fn deep_share_of(mask: &Mask, thickness_m: f64) -> f64 {
     if finite { deep_share(narrowest, thickness_m) } else { 0.0 }
 }
 
-/// Whether the thickness of the wall counts for the narrowest of the mask's openings.
-pub fn depth_counts(mask: &Mask, thickness_m: f64) -> bool {
-    deep_share_of(mask, thickness_m) > 0.0
+/// The depths in m as which the wall counts for the narrowest of the mask's openings (0: thin), with their shares of the intensity.
+pub(super) fn depths_of(mask: &Mask, thickness_m: f64) -> Vec<(f64, f64)> {
+    shared(deep_share_of(mask, thickness_m), thickness_m)
 }
 
 /// Length in m, across the edges, of the shortest way through the mask.
@@ -190,6 +190,7 @@ pub(super) const MOST_FREQUENCIES: usize = 256;
 impl BandApertures {
     /// `thickness_m`: of the wall; `sin_beta`: sine of the angle between the rays and the edges.
     pub fn new(mask: &Mask, thickness_m: f64, spectrum: &Spectrum, sin_beta: f64) -> Self {
+        let thickness_m = if deep_share_of(mask, thickness_m) > 0.0 { thickness_m } else { 0.0 };
         let openings = mask.openings();
         let span = openings.last().map_or(0.0, |o| o[1]) - openings.first().map_or(0.0, |o| o[0]);
         let (low, high) = (spectrum.low_k() * sin_beta, spectrum.high_k() * sin_beta);
@@ -257,10 +258,10 @@ pub fn spread(mask: &Mask, crossing: &Crossing) -> f64 {
 }
 
 impl Solver {
-    /// The equations at wave number `k` across the edges, with `finer` times as many unknowns as usual.
-    pub(super) fn new(mask: &Mask, thickness_m: f64, k: f64, finer: usize) -> Self {
-        match depth_counts(mask, thickness_m) {
-            true => Self::Thick(Box::new(ThickAperture::finer(mask.openings(), thickness_m, k, finer))),
+    /// The equations at wave number `k` across the edges, with `finer` times as many unknowns as usual; `depth_m` 0: a thin wall.
+    pub(super) fn new(mask: &Mask, depth_m: f64, k: f64, finer: usize) -> Self {
+        match depth_m > 0.0 {
+            true => Self::Thick(Box::new(ThickAperture::finer(mask.openings(), depth_m, k, finer))),
             false => Self::Thin(Box::new(Aperture::finer(mask.openings(), k, finer))),
         }
     }

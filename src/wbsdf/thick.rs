@@ -111,9 +111,26 @@ pub fn is_thick(width_m: f64, thickness_m: f64) -> bool {
     FLAT[0] * thickness_m > width_m
 }
 
-/// Share of the deep gap in the intensity behind a slit of `width_m`, 0..=1, smooth; the thin one has the rest.
+/// Share of the deep gap in the intensity behind an opening `width_m` across, 0..=1, smooth; the thin one has the rest.
 pub(super) fn deep_share(width_m: f64, thickness_m: f64) -> f64 {
     if thickness_m > 0.0 { fade(width_m / thickness_m, FLAT) } else { 0.0 }
+}
+
+/// The depths in m as which an opening `width_m` across counts (0: thin), each with its share of the intensity.
+pub(super) fn depths(width_m: f64, thickness_m: f64) -> Vec<(f64, f64)> {
+    shared(deep_share(width_m, thickness_m), thickness_m)
+}
+
+/// The depth in m with the share `deep`, and none with the rest; without what has no share.
+pub(super) fn shared(deep: f64, depth_m: f64) -> Vec<(f64, f64)> {
+    [(deep, depth_m), (1.0 - deep, 0.0)].into_iter().filter(|(share, _)| *share > 0.0).collect()
+}
+
+/// The pressure whose intensity is the sum of those of `pressures` by their shares, its phase that of their own sum.
+pub(super) fn blended(pressures: impl Iterator<Item = (f64, Complex64)>) -> Complex64 {
+    let (square, sum) = pressures
+        .fold((0.0, Complex64::ZERO), |(square, sum), (share, p)| (square + share * p.norm_sqr(), sum + share * p));
+    Complex64::from_polar(square.sqrt(), sum.arg())
 }
 
 impl ThickAperture {

@@ -88,6 +88,12 @@ pub fn level(room: &str) -> f64 {
     levels(room)[0][0]
 }
 
+/// The largest step in dB of a sweep beyond the mean of the steps before and after it.
+pub fn largest_step(levels: &[f64]) -> f64 {
+    let beyond = |w: &[f64]| (w[2] - w[1] - 0.5 * (w[1] - w[0] + w[3] - w[2])).abs();
+    levels.windows(4).map(beyond).fold(0.0, f64::max)
+}
+
 /// Absolute errors in dB, in order of size.
 #[derive(Default)]
 pub struct Errors(Vec<f64>);
