@@ -296,9 +296,10 @@ impl<'a> Matcher<'a> {
         *samples = self.samples(&mut spectrum.to_vec(), samples.len());
     }
 
-    /// Response of a gain, of minimum phase, at the bins of the transform, from its ln at the support points.
-    pub(super) fn gain(&self, ln_gain: &[f64], shaper: &mut Shaper<'_>) -> Vec<Complex64> {
-        self.filter(ln_gain, &vec![false; self.meter.bands.len()], None, shaper)
+    /// Response of a gain, of minimum phase, at the bins of the transform, from its ln at the support points, of which it takes a `share`.
+    pub(super) fn gain(&self, ln_gain: &[f64], share: f64, shaper: &mut Shaper<'_>) -> Vec<Complex64> {
+        let ln_gain: Vec<f64> = ln_gain.iter().map(|ln| share * ln).collect();
+        self.filter(&ln_gain, &vec![false; self.meter.bands.len()], None, shaper)
     }
 
     /// The same with silent bands; their `fades` are left to the caller but for their phase.
