@@ -12,8 +12,8 @@ use diffray::error::{Error, Result, Warning};
 use diffray::geometry::Geometry;
 use diffray::plan::Plan;
 use diffray::probe::TableCost;
-use diffray::report::{self, Folder, Pair, ReferenceCurve, Run, Series, Simulated, SweepValue, Swept};
-use diffray::response::{self, Metrics, RenderOptions, Response};
+use diffray::report::{self, Folder, Pair, ReferenceCurve, Run, Series, Simulated, SweepValue, Swept, spl_at_1m_db};
+use diffray::response::{self, Metrics, RenderOptions, Response, octave_levels_db, speech_transmission_index};
 use diffray::scene::{Loaded, Override, ProbeFormat, Room, Scene, SourceKind, Sweep};
 use diffray::simulate::{self, Outcome};
 use diffray::sweep::{self, SweepPoint};
@@ -140,7 +140,8 @@ fn simulate(args: &RunArgs) -> Result<()> {
 fn pairs(scene: &Scene, receptions: Vec<diffray::probe::Reception>) -> (Vec<Pair>, Vec<Warning>) {
     let pair = |reception: diffray::probe::Reception| {
         let mut metrics = response::metrics(&reception, &scene.bands);
-        let point = scene.sources.iter().any(|s| s.name == reception.source && s.kind == SourceKind::Point);
+        let source = scene.sources.iter().find(|s| s.name == reception.source);
+        let point = source.is_some_and(|s| s.kind == SourceKind::Point);
         let strength = |metrics: &mut Vec<Metrics>| {
             metrics.iter_mut().filter(|_| !point).for_each(|m| m.g_db = None);
         };
@@ -151,7 +152,9 @@ fn pairs(scene: &Scene, receptions: Vec<diffray::probe::Reception>) -> (Vec<Pair
                 let mut response_metrics = response::response_metrics(&reception, &response, &scene.bands);
                 strength(&mut response_metrics);
                 let snr_db = scene.output.signal_to_noise_db.unwrap_or(f64::INFINITY);
-                let speech_transmission_index = response::speech_transmission_index(&response, snr_db);
+                let speech_db = source.and_then(|s| spl_at_1m_db(s, &scene.air));
+                let speech_db = speech_db.and_then(|at_1m| octave_levels_db(&reception, &scene.bands, &at_1m));
+                let speech_transmission_index = speech_transmission_index(&response, snr_db, speech_db);
                 let response = Some(response);
                 (Pair { reception, response, metrics, response_metrics, speech_transmission_index }, warnings)
             }

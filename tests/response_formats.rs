@@ -5,7 +5,9 @@ use std::path::Path;
 use std::process::Command;
 
 use diffray::probe::{BandLevel, EarlyPath, Echogram, Reception};
-use diffray::response::{RenderOptions, Response, metrics, render, response_metrics, speech_transmission_index};
+use diffray::response::{
+    RenderOptions, Response, metrics, octave_levels_db, render, response_metrics, speech_transmission_index,
+};
 use diffray::scene::{Band, Directivity, ProbeFormat, Spacing, bands_between};
 use glam::DVec3;
 
@@ -157,14 +159,50 @@ fn speech_transmission_of_a_decay_and_of_noise_has_its_closed_form() {
             ((10.0 * (m / (1.0 - m)).log10()).clamp(-15.0, 15.0) + 15.0) / 30.0
         });
         let expected = weight * index.iter().sum::<f64>() / 14.0;
-        let found = speech_transmission_index(&response, snr_db).unwrap();
+        let found = speech_transmission_index(&response, snr_db, None).unwrap();
         // 0.02: the noise's own modulation, mostly in the 125 Hz octave.
         assert!((found - expected).abs() < 0.02, "{t60_s} s, {snr_db} dB: {found} {expected}");
     }
     let free = rendered(&reception(&[(0.01, 0.25, DVec3::X)], 0.0, 1.0), ProbeFormat::Omni);
     // 0.02: the lowest octave's filter lets an impulse last some milliseconds.
-    assert!((speech_transmission_index(&free, f64::INFINITY).unwrap() - 1.0).abs() < 0.02);
-    assert!((speech_transmission_index(&free, 0.0).unwrap() - 0.5).abs() < 0.02);
+    assert!((speech_transmission_index(&free, f64::INFINITY, None).unwrap() - 1.0).abs() < 0.02);
+    assert!((speech_transmission_index(&free, 0.0, None).unwrap() - 0.5).abs() < 0.02);
+}
+
+#[test]
+fn faint_speech_is_lost_below_the_threshold_and_loud_speech_masks_itself() {
+    let free = rendered(&reception(&[(0.01, 0.25, DVec3::X)], 0.0, 1.0), ProbeFormat::Omni);
+    let found = |db: f64| speech_transmission_index(&free, f64::INFINITY, Some([db; 7])).unwrap();
+    // 30 dB: 16 dB below the threshold at 125 Hz, 3 dB above it at 250 Hz, far above it from 500 Hz on.
+    let faint = 0.127 * 0.6 + 1.169 - 0.078 * 0.6_f64.sqrt() - 0.218;
+    // 105 dB: every octave but the first hears the one below 10 dB under it.
+    let ti: f64 = 25.0 / 30.0;
+    let loud = 0.085 + ti * 1.296 - 0.085 * ti.sqrt() - ti * 0.296;
+    for (db, expected) in [(30.0, faint), (105.0, loud), (70.0, 1.0)] {
+        // 0.02: the lowest octave's filter lets an impulse last some milliseconds.
+        assert!((found(db) - expected).abs() < 0.02, "{db} dB: {} {expected}", found(db));
+    }
+}
+
+#[test]
+fn octave_levels_are_sums_of_what_lies_in_them() {
+    let level = |band: &Band, intensity| BandLevel {
+        band_hz: band.nominal_hz,
+        intensity,
+        intensity_error: 0.0,
+        early_share: 1.0,
+    };
+    for (spacing, at_1m_db, expected_db) in
+        [(Spacing::Octave, 60.0, 50.0), (Spacing::ThirdOctave, 60.0, 50.0 + 10.0 * 3f64.log10())]
+    {
+        let bands = bands_between(spacing, if spacing == Spacing::Octave { 63.0 } else { 100.0 }, 10_000.0);
+        let levels = bands.iter().map(|b| level(b, 0.1)).collect();
+        let reception = Reception { source: "s".into(), probe: "p".into(), paths: vec![], echogram: None, levels };
+        let found = octave_levels_db(&reception, &bands, &vec![at_1m_db; bands.len()]).unwrap();
+        assert!(found.iter().all(|l| (l - expected_db).abs() < 1e-9), "{found:?}");
+        let few = &bands[..bands.len() - 4];
+        assert_eq!(octave_levels_db(&reception, few, &vec![at_1m_db; few.len()]), None);
+    }
 }
 
 fn wav(path: &Path, rate: u32, samples: impl Iterator<Item = i16>) {

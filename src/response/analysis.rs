@@ -27,6 +27,8 @@ const MODULATION_HZ: [f64; 14] = [0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0
 /// Weights of the octaves 125 Hz to 8 kHz for male speech, and of neighbours' redundancy (IEC 60268-16:2011, table A.1).
 const MALE: ([f64; 7], [f64; 6]) =
     ([0.085, 0.127, 0.230, 0.233, 0.309, 0.224, 0.173], [0.085, 0.078, 0.065, 0.011, 0.047, 0.095]);
+/// Threshold of reception of the same octaves in dB re 20 uPa (IEC 60268-16:2011, table A.3).
+const RECEPTION_DB: [f64; 7] = [46.0, 27.0, 12.0, 6.5, 7.5, 8.0, 12.0];
 
 /// The parameters of the rendered response of `reception`, one entry a band; time 0 is the reception's first arrival.
 /// Bands that reach beyond half the sample rate have none.
@@ -56,11 +58,16 @@ pub fn response_metrics(reception: &Reception, response: &Response, bands: &[Ban
 }
 
 /// Speech transmission index 0..=1 (IEC 60268-16:2011, full, male) of a response at a signal-to-noise ratio in dB that holds in
-/// every octave; `None` if the response does not reach 8 kHz or an octave from 125 Hz on is silent.
+/// every octave; `None` if the response does not reach 8 kHz or an octave from 125 Hz on is silent. `speech_db`: levels of the speech
+/// in the octaves 125 Hz to 8 kHz in dB re 20 uPa (see [`octave_levels_db`]); without them masking and threshold are left out.
 ///
-/// Modulation transfer by Schroeder (1981): m(F) = |int h^2 exp(-i 2 pi F t) dt| / int h^2 dt / (1 + 10^(-snr/10)).
-/// Masking and the threshold of hearing, which need absolute levels, are left out.
-pub fn speech_transmission_index(response: &Response, signal_to_noise_db: f64) -> Option<f64> {
+/// Modulation transfer by Schroeder (1981): m(F) = |int h^2 exp(-i 2 pi F t) dt| / int h^2 dt, times I_s / (I_s + I_n + I_m + I_t):
+/// intensities of speech, of noise, of what the octave below masks, and of the threshold of reception (A.4.2, A.4.3).
+pub fn speech_transmission_index(
+    response: &Response,
+    signal_to_noise_db: f64,
+    speech_db: Option<[f64; 7]>,
+) -> Option<f64> {
     let measured = Measured::new(response);
     // Modulation is slow: samples are taken together in milliseconds, which changes m by 3e-4 at most.
     let group = (0.001 * measured.rate_hz).ceil() as usize;
@@ -73,10 +80,18 @@ pub fn speech_transmission_index(response: &Response, signal_to_noise_db: f64) -
         }
         octaves.push(energy.chunks(group).map(|e| e.iter().sum::<f64>() / sum).collect::<Vec<f64>>());
     }
-    let noise = 1.0 / (1.0 + 10f64.powf(-0.1 * signal_to_noise_db));
+    let noise = 10f64.powf(-0.1 * signal_to_noise_db);
+    let heard: [f64; 7] = std::array::from_fn(|k| {
+        let Some(speech_db) = speech_db else { return 1.0 / (1.0 + noise) };
+        let total = |k: usize| (1.0 + noise) * 10f64.powf(0.1 * speech_db[k]);
+        let masking =
+            if k > 0 { total(k - 1) * 10f64.powf(0.1 * masking_db(10.0 * total(k - 1).log10())) } else { 0.0 };
+        10f64.powf(0.1 * speech_db[k]) / (total(k) + masking + 10f64.powf(0.1 * RECEPTION_DB[k]))
+    });
     let transfer: Vec<f64> = octaves
         .iter()
-        .map(|energy| {
+        .zip(heard)
+        .map(|(energy, heard)| {
             let index = |hz: f64| {
                 let turn = Complex64::cis(-std::f64::consts::TAU * hz * group as f64 / measured.rate_hz);
                 let (mut phase, mut sum) = (Complex64::new(1.0, 0.0), Complex64::ZERO);
@@ -84,7 +99,7 @@ pub fn speech_transmission_index(response: &Response, signal_to_noise_db: f64) -
                     sum += phase * e;
                     phase *= turn;
                 }
-                let m = (sum.norm() * noise).min(1.0);
+                let m = (sum.norm() * heard).min(1.0);
                 let apparent_db = 10.0 * (m / (1.0 - m)).log10();
                 (apparent_db.clamp(-15.0, 15.0) + 15.0) / 30.0
             };
@@ -95,6 +110,34 @@ pub fn speech_transmission_index(response: &Response, signal_to_noise_db: f64) -
     let own: f64 = alpha.iter().zip(&transfer).map(|(a, m)| a * m).sum();
     let shared: f64 = beta.iter().zip(transfer.windows(2)).map(|(b, m)| b * (m[0] * m[1]).sqrt()).sum();
     Some((own - shared).clamp(0.0, 1.0))
+}
+
+/// Level in dB of what masks an octave, re the level `below_db` of the octave below it (IEC 60268-16:2011, table A.2).
+fn masking_db(below_db: f64) -> f64 {
+    match below_db {
+        l if l < 63.0 => 0.5 * l - 65.0,
+        l if l < 67.0 => 1.8 * l - 146.9,
+        l if l < 100.0 => 0.5 * l - 59.8,
+        _ => -10.0,
+    }
+}
+
+/// Levels of a reception in the octaves 125 Hz to 8 kHz in dB re 20 uPa, from those of the source's free field at 1 m, one a band of
+/// `bands`; `None` if these do not cover the octaves.
+pub fn octave_levels_db(reception: &Reception, bands: &[Band], at_1m_db: &[f64]) -> Option<[f64; 7]> {
+    let octave = |octave: Band| {
+        let inside = |band: &Band| (octave.low_hz..octave.high_hz).contains(&(band.low_hz * band.high_hz).sqrt());
+        let levels = reception.levels.iter().zip(at_1m_db);
+        let (mut energy, mut covered_hz) = (0.0, 0.0);
+        for (band, (level, at_1m_db)) in bands.iter().zip(levels).filter(|(band, _)| inside(band)) {
+            energy += level.intensity * 10f64.powf(0.1 * at_1m_db);
+            covered_hz += band.high_hz - band.low_hz;
+        }
+        let covered = covered_hz > 0.95 * (octave.high_hz - octave.low_hz);
+        (covered && energy > 0.0).then(|| 10.0 * energy.log10())
+    };
+    let levels: Option<Vec<f64>> = bands_between(Spacing::Octave, 125.0, 8000.0).into_iter().map(octave).collect();
+    levels?.try_into().ok()
 }
 
 /// A response and its spectrum.

@@ -32,7 +32,7 @@ mod transform;
 
 use std::path::Path;
 
-pub use analysis::{response_metrics, speech_transmission_index};
+pub use analysis::{octave_levels_db, response_metrics, speech_transmission_index};
 pub use auralise::{Dry, heard};
 pub use metrics::{DecayTime, Metrics, metrics};
 
