@@ -21,7 +21,7 @@ pub(super) fn may_reach(images: &[Image], geometry: &Geometry, image: usize, tar
         // What the beam has lit lies on the other side of the mirror than the image.
         let (side, rate) = match current.origin {
             Origin::At(origin) => (-height(origin).signum(), height(origin)),
-            Origin::Along(direction) => (direction.dot(plane.normal).signum(), direction.dot(plane.normal)),
+            Origin::Along { direction, .. } => (direction.dot(plane.normal).signum(), direction.dot(plane.normal)),
         };
         clip(&mut seen, &mut spare, |p| side * height(p) + MARGIN_M);
         for p in &mut seen {
@@ -29,7 +29,7 @@ pub(super) fn may_reach(images: &[Image], geometry: &Geometry, image: usize, tar
             let above = (side * height(*p)).max(0.0) * side;
             *p = match current.origin {
                 Origin::At(origin) => *p + (origin - *p) * (above / (above - rate)),
-                Origin::Along(direction) => *p - direction * (above / rate),
+                Origin::Along { direction, .. } => *p - direction * (above / rate),
             };
         }
         if let Some(outline) = &plane.outline {

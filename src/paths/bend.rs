@@ -145,7 +145,7 @@ impl<'a> Ends<'_, 'a> {
                 let keller = from.along_m + (to.along_m - from.along_m) * from.r_m / (from.r_m + to.r_m);
                 (from, if two_dimensional { to.along_m } else { keller }, 1.0)
             }
-            Origin::Along(direction) => {
+            Origin::Along { direction, .. } => {
                 // The ray keeps its direction cosine along the edge.
                 let cos_beta = direction.dot(edge.direction);
                 let sin_beta = (1.0 - cos_beta * cos_beta).max(0.0).sqrt();
@@ -164,14 +164,14 @@ impl<'a> Ends<'_, 'a> {
             return None;
         }
         let (length_m, straight_m) = match self.from.origin {
-            Origin::Along(direction) => {
-                (edge.point(keller_m).dot(direction) + to.r_m / sin_beta, self.receiver.dot(direction))
+            wave @ Origin::Along { .. } => {
+                (wave.length_m(edge.point(keller_m)) + to.r_m / sin_beta, wave.length_m(self.receiver))
             }
             Origin::At(_) if two_dimensional => {
                 let half = 0.5 * (to.phi - from.phi);
                 (from.r_m + to.r_m, ((to.r_m - from.r_m).powi(2) + 4.0 * from.r_m * to.r_m * half.sin().powi(2)).sqrt())
             }
-            Origin::At(position) => (way_m(&from, &to, on_edge_m), (self.receiver - position).length()),
+            point @ Origin::At(_) => (way_m(&from, &to, on_edge_m), point.length_m(self.receiver)),
         };
         let apart_m = if two_dimensional { 0.0 } else { to.along_m - from.along_m };
         // An edge in sight is felt near its shadow boundary and near the reflection boundaries of its faces.

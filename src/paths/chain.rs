@@ -103,7 +103,7 @@ impl<'a> Two<'a> {
             (Origin::At(position), _) => {
                 From::Point(self.flat(position), self.along_m(receiver) - self.along_m(position))
             }
-            (Origin::Along(direction), _) => {
+            (Origin::Along { direction, .. }, _) => {
                 let across = self.turned(direction);
                 (across.length() > 1e-3).then(|| From::Plane(across.normalize(), across.length()))?
             }
@@ -124,7 +124,7 @@ impl<'a> Two<'a> {
         let end = self.along_m(receiver);
         let slope = match (chain.from, origin) {
             (From::Point(_, dz_m), _) => dz_m / (before + between + behind),
-            (From::Plane(_, sin_beta), Origin::Along(direction)) => direction.dot(self.along) / sin_beta,
+            (From::Plane(_, sin_beta), Origin::Along { direction, .. }) => direction.dot(self.along) / sin_beta,
             _ => 0.0,
         };
         [end - (between + behind) * slope, end - behind * slope]
@@ -266,7 +266,7 @@ impl Over<'_> {
                 forms.push(field.map_or(Form::Silent, |field| Form::Field(Box::new(field))));
             }
             if pressures {
-                waves.push(self.wave(origin, apexes[0], &factors, forms));
+                waves.push(self.wave(&factors, forms));
             }
             return Some(());
         }
@@ -294,19 +294,11 @@ impl Over<'_> {
             }
         }
         if pressures {
-            waves.push(self.wave(origin, apexes[0], &factors, forms));
+            waves.push(self.wave(&factors, forms));
         }
         if loudness[0] >= 1.0 && intensity[0] < FAINT * strongest(paths) {
             return None;
         }
-        let way_m = match (origin, chain.from) {
-            // A plane wave counts from the origin of coordinates.
-            (Origin::Along(direction), From::Plane(_, sin_beta)) => {
-                let [_, between, behind] = chain.legs_m();
-                apexes[0].dot(direction) + (between + behind) / sin_beta
-            }
-            _ => length_m,
-        };
         let planes = |image: &super::images::Image| image.planes.clone();
         let mut passed = planes(&source.images[s]);
         passed.extend(planes(&probe.images[p]).into_iter().rev());
@@ -316,7 +308,7 @@ impl Over<'_> {
             label: self.label(&two.edges),
             reflections: passed.len(),
             from: probe.heard_from(geometry, p, apexes[1]),
-            delay_s: way_m / speed,
+            delay_s: length_m / speed,
             intensity,
             error,
         };
@@ -345,7 +337,20 @@ impl Over<'_> {
     /// Length in m of the shortest way over both edges.
     fn over_m(&self) -> f64 {
         let across_m: f64 = self.chain.legs_m().iter().sum();
-        if let From::Point(_, dz_m) = self.chain.from { across_m.hypot(dz_m) } else { across_m }
+        match self.chain.from {
+            From::Line(_) => across_m,
+            From::Point(_, dz_m) => across_m.hypot(dz_m),
+            From::Plane(_, sin_beta) => self.ahead_m() + across_m * sin_beta,
+        }
+    }
+
+    /// Way in m of a plane wave to the first edge, at the receiver's place along it; 0 of other sources.
+    fn ahead_m(&self) -> f64 {
+        let &Two { origin, along, .. } = self.two;
+        match self.pair.source.images[self.images[0]].origin {
+            wave @ Origin::Along { .. } => wave.length_m(origin + along * self.two.along_m(self.receiver)),
+            Origin::At(_) => 0.0,
+        }
     }
 
     /// Intensity of the free field over that way.
@@ -358,18 +363,10 @@ impl Over<'_> {
     }
 
     /// The sound over both edges as a pressure; where one of them is passed in sight, what it changes of that over the other.
-    fn wave<'w>(&self, origin: Origin, apex: DVec3, factors: &[f64], forms: Vec<Form>) -> Wave<'w> {
+    fn wave<'w>(&self, factors: &[f64], forms: Vec<Form>) -> Wave<'w> {
         let scene = self.pair.scene;
-        let [_, between, behind] = self.chain.legs_m();
         // A plane wave's field counts its phase from the first edge on, across the edges.
-        let (length_m, ahead_m) = match origin {
-            Origin::Along(direction) => {
-                let along_m = self.two.along_m(self.receiver) - self.two.along_m(apex);
-                let ahead = apex.dot(direction) + along_m * direction.dot(self.two.along);
-                (ahead + (between + behind) * (1.0 - direction.dot(self.two.along).powi(2)).sqrt(), ahead)
-            }
-            Origin::At(_) => (self.over_m(), 0.0),
-        };
+        let (length_m, ahead_m) = (self.over_m(), self.ahead_m());
         let air = |m: f64| (-m * length_m).exp();
         let attenuation = &scene.air.attenuation_per_m;
         let amplitudes: Vec<f64> = factors.iter().zip(attenuation).map(|(f, m)| (f * air(*m)).sqrt()).collect();

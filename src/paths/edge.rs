@@ -42,7 +42,7 @@ pub(super) fn reached(tree: &ImageTree, geometry: &Geometry, edges: &[(&Edge, bo
         let of_edge = |(e, (edge, _)): (usize, &(&Edge, bool))| {
             let about = match image.origin {
                 Origin::At(at) => place(edge, at),
-                Origin::Along(_) => Place::NONE,
+                Origin::Along { .. } => Place::NONE,
             };
             // An edge lies in the planes of its faces: it sees no image in them.
             let outside = about.phi > edge.exterior_angle + 1e-9 || image.is_last_in(&edge.planes);

@@ -125,8 +125,8 @@ impl View<'_> {
                 let local = self.frame.local(p);
                 Some((End::At(DVec2::new(local.x, local.z)), local.z))
             }
-            Origin::Along(d) => {
-                let d = self.frame.turn(d);
+            Origin::Along { direction, .. } => {
+                let d = self.frame.turn(direction);
                 let across = DVec2::new(d.x, d.z);
                 (across.length() > 1e-3).then(|| (End::Along(across.normalize()), -d.z))
             }
@@ -155,7 +155,7 @@ impl View<'_> {
                 let from = self.frame.local(from);
                 from.y + (receiver.y - from.y) * from.z.abs() / (from.z.abs() + receiver.z.abs())
             }
-            Origin::Along(_) => receiver.y,
+            Origin::Along { .. } => receiver.y,
         };
         let before = self.side(pair, source, s, signs[0], self.within(about_y))?;
         let behind = self.side(pair, probe, p, signs[1], self.within(about_y))?;
@@ -199,8 +199,8 @@ impl View<'_> {
         let (into_m, out_m, at) = ways.min_by(|a, b| (a.0 + a.1).total_cmp(&(b.0 + b.1)))?;
         let over_m = into_m + out_m;
         let (dy_m, sin_beta, slope, wave, straight_m) = match (before.flank.end, pair.kind, source) {
-            (End::Along(_), _, Origin::Along(d)) => {
-                let d_y = self.frame.turn(d).y;
+            (End::Along(_), _, Origin::Along { direction, .. }) => {
+                let d_y = self.frame.turn(direction).y;
                 let sin_beta = (1.0 - d_y * d_y).sqrt();
                 (0.0, sin_beta, d_y / sin_beta, wedge::Wave::Plane, 1.0)
             }
@@ -243,14 +243,12 @@ impl Flanked<'_, '_> {
         coherence(detour_m, spectrum.low_hz, spectrum, [0.5 * most, most])
     }
 
-    /// Length in m of the shortest way; of a plane wave from the wave front through the origin of coordinates.
+    /// Length in m of the shortest way.
     pub(super) fn length_m(&self) -> f64 {
         match self.pair.source.images[self.sides[0].image].origin {
-            Origin::Along(d) => {
-                self.view.frame.origin_m.dot(d)
-                    + self.middle.y * self.view.frame.turn(d).y
-                    + self.over_m * self.sin_beta
-                    + (self.sides[1].y_m - self.middle.y) * self.view.frame.turn(d).y
+            // Across the edges it counts from the middle of the frame.
+            wave @ Origin::Along { .. } => {
+                wave.length_m(self.view.frame.point(0.0, self.sides[1].y_m)) + self.over_m * self.sin_beta
             }
             Origin::At(_) => self.over_m.hypot(self.dy_m),
         }

@@ -170,7 +170,8 @@ impl Gap {
                 let Some((share, loss)) = self.slit_sight(pair, (s, p), &crossing, mask) else {
                     continue;
                 };
-                let length = shortest(&crossing, mask);
+                let ahead_m = self.ahead_m(&from.origin, receiver.y);
+                let length = ahead_m + shortest(&crossing, mask);
                 let rays = scene.adds_pressures().then(|| OpeningRays::new(mask.openings(), &crossing));
                 let lit = (slit::sin_beta(mask, &crossing) == 1.0).then(|| tables.source(&crossing));
                 let mut intensity = Vec::with_capacity(spectra.len());
@@ -191,9 +192,7 @@ impl Gap {
                     intensity.push(sum.value.max(0.0) * factor);
                     error.push((sum.error + (-sum.value).max(0.0)) * factor);
                 }
-                waves.extend(
-                    rays.map(|rays| self.as_pressure(rays, (&intensity, &factors), &from.origin, pair, length)),
-                );
+                waves.extend(rays.map(|rays| as_pressure(rays, (&intensity, &factors), pair, (length, ahead_m))));
                 let path = EarlyPath {
                     course: Vec::new(),
                     label: self.label(geometry, source, s, probe, p),
@@ -209,32 +208,12 @@ impl Gap {
         paths
     }
 
-    /// The sound through openings as a pressure: the phase is that of the uniform theory of diffraction, the band means of
-    /// |p|^2 are `intensity`.
-    fn as_pressure<'a>(
-        &self,
-        rays: OpeningRays,
-        (intensity, factors): (&[f64], &[f64]),
-        origin: &Origin,
-        pair: &Pair<'_>,
-        length_m: f64,
-    ) -> Wave<'a> {
-        let scale = |(spectrum, intensity): (&Spectrum, &f64)| {
-            (intensity / utd_mean(&rays, spectrum).value.max(f64::MIN_POSITIVE)).sqrt()
-        };
-        let amplitudes: Vec<f64> = match pair.scene.simulation.transport {
-            Transport::Utd => factors.iter().map(|factor| factor.sqrt()).collect(),
-            _ => pair.spectra.iter().zip(intensity).map(scale).collect(),
-        };
-        // Rays count a plane wave's phase from the origin of the opening's frame; those of a line source lack that of H0.
-        let ahead_m = if let Origin::Along(direction) = origin { self.frame.origin_m.dot(*direction) } else { 0.0 };
-        let turn = if let SourceKind::Line(_) = pair.kind { -FRAC_PI_4 } else { 0.0 };
-        Wave {
-            length_m: length_m + ahead_m,
-            wander_m: rays.detour_m(),
-            sound: Sound::at(move |band, k| {
-                rays.pressure(k) * Complex64::from_polar(amplitudes[band], k * ahead_m + turn)
-            }),
+    /// Way in m of a plane wave to the middle of the frame, at the receiver's place along the edges, from where on rays count it; 0 of
+    /// other sources.
+    fn ahead_m(&self, origin: &Origin, receiver_y_m: f64) -> f64 {
+        match origin {
+            Origin::Along { .. } => origin.length_m(self.frame.point(0.0, receiver_y_m)),
+            Origin::At(_) => 0.0,
         }
     }
 
@@ -249,7 +228,7 @@ impl Gap {
                     _ => (Incident::Point { x_m: s.x, z_m, dy_m: receiver.y - s.y }, s.z),
                 })
             }
-            Origin::Along(direction) => {
+            Origin::Along { direction, .. } => {
                 let d = self.frame.turn(direction);
                 (d.z != 0.0).then_some((Incident::Plane { s_x: d.x, s_y: d.y }, -d.z))
             }
@@ -326,7 +305,34 @@ fn along_m(crossing: &Crossing, x: f64, receiver_y_m: f64) -> f64 {
             let (into, out) = ((x - x_m).hypot(z_m), (crossing.x_m - x).hypot(crossing.z_m));
             receiver_y_m - dy_m * out / (into + out)
         }
-        _ => receiver_y_m,
+        Incident::Plane { s_y, .. } => {
+            receiver_y_m - s_y * (crossing.x_m - x).hypot(crossing.z_m) / crossing.sin_beta()
+        }
+        Incident::Line { .. } => receiver_y_m,
+    }
+}
+
+/// The sound through openings as a pressure over `length_m`, of which rays leave out the first `ahead_m`: the phase is that of the
+/// uniform theory of diffraction, the band means of |p|^2 are `intensity`.
+fn as_pressure<'a>(
+    rays: OpeningRays,
+    (intensity, factors): (&[f64], &[f64]),
+    pair: &Pair<'_>,
+    (length_m, ahead_m): (f64, f64),
+) -> Wave<'a> {
+    let scale = |(spectrum, intensity): (&Spectrum, &f64)| {
+        (intensity / utd_mean(&rays, spectrum).value.max(f64::MIN_POSITIVE)).sqrt()
+    };
+    let amplitudes: Vec<f64> = match pair.scene.simulation.transport {
+        Transport::Utd => factors.iter().map(|factor| factor.sqrt()).collect(),
+        _ => pair.spectra.iter().zip(intensity).map(scale).collect(),
+    };
+    // Rays of a line source lack the phase of H0.
+    let turn = if let SourceKind::Line(_) = pair.kind { -FRAC_PI_4 } else { 0.0 };
+    Wave {
+        length_m,
+        wander_m: rays.detour_m(),
+        sound: Sound::at(move |band, k| rays.pressure(k) * Complex64::from_polar(amplitudes[band], k * ahead_m + turn)),
     }
 }
 
@@ -337,13 +343,15 @@ fn utd_mean(rays: &OpeningRays, spectrum: &Spectrum) -> RaySum {
     RaySum { value, error: 0.0, absolute: value, rays: nodes.len() }
 }
 
-/// Length in m of the shortest way through the mask, spherical for point sources.
+/// Length in m of the shortest way through the mask; of a plane wave from its front through the middle of the frame at the
+/// receiver's place along the edges.
 fn shortest(crossing: &Crossing, mask: &Mask) -> f64 {
     let straight = crossing.straight_x_m();
     let over = mask.openings().iter().map(|o| straight.clamp(o[0], o[1]));
     let length = |x: f64| match crossing.incident {
         Incident::Point { dy_m, .. } => crossing.length_m(x).hypot(dy_m),
-        _ => crossing.length_m(x),
+        Incident::Plane { .. } => crossing.length_m(x) * crossing.sin_beta(),
+        Incident::Line { .. } => crossing.length_m(x),
     };
     over.map(length).fold(f64::INFINITY, f64::min)
 }

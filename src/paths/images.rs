@@ -11,8 +11,13 @@ use crate::scene::{Directivity, Scene, Source, SourceKind};
 pub enum Origin {
     /// From a position in m (point and line sources).
     At(DVec3),
-    /// A plane wave travelling along this unit vector.
-    Along(DVec3),
+    /// A plane wave.
+    Along {
+        /// Unit vector along which it travels.
+        direction: DVec3,
+        /// A point in m on the front from which its way is counted.
+        from_m: DVec3,
+    },
 }
 
 impl Origin {
@@ -20,7 +25,15 @@ impl Origin {
     pub fn direction_from(&self, point: DVec3) -> DVec3 {
         match *self {
             Self::At(position) => (position - point).normalize_or(DVec3::Z),
-            Self::Along(direction) => -direction,
+            Self::Along { direction, .. } => -direction,
+        }
+    }
+
+    /// Length in m of the straight way from the origin to `point`; of a plane wave negative before it has reached its `from_m`.
+    pub fn length_m(&self, point: DVec3) -> f64 {
+        match *self {
+            Self::At(position) => (point - position).length(),
+            Self::Along { direction, from_m } => (point - from_m).dot(direction),
         }
     }
 
@@ -28,15 +41,19 @@ impl Origin {
     pub fn coincides(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::At(a), Self::At(b)) => a.distance_squared(*b) < 1e-12,
-            (Self::Along(a), Self::Along(b)) => a.distance_squared(*b) < 1e-18,
+            (Self::Along { direction: a, .. }, Self::Along { direction: b, from_m }) => {
+                a.distance_squared(*b) < 1e-18 && self.length_m(*from_m).abs() < 1e-6
+            }
             _ => false,
         }
     }
 
     fn mirrored(&self, point: DVec3, normal: DVec3) -> Self {
+        let turned = |v: DVec3| v - normal * (2.0 * v.dot(normal));
+        let beyond = |p: DVec3| point + turned(p - point);
         match *self {
-            Self::At(p) => Self::At(p - normal * (2.0 * (p - point).dot(normal))),
-            Self::Along(d) => Self::Along(d - normal * (2.0 * d.dot(normal))),
+            Self::At(p) => Self::At(beyond(p)),
+            Self::Along { direction, from_m } => Self::Along { direction: turned(direction), from_m: beyond(from_m) },
         }
     }
 }
@@ -84,7 +101,7 @@ impl ImageTree {
     /// The images of `source` up to `order` reflections.
     pub fn of_source(source: &Source, geometry: &Geometry, order: usize) -> Self {
         let origin = match source.kind {
-            SourceKind::Plane(direction) => Origin::Along(direction),
+            SourceKind::Plane(direction) => Origin::Along { direction, from_m: source.position_m },
             SourceKind::Point | SourceKind::Line(_) => Origin::At(source.position_m),
         };
         let directivity = (source.kind == SourceKind::Point).then_some(source.directivity);
@@ -133,7 +150,7 @@ impl ImageTree {
         let Image { origin, planes, .. } = &self.images[image];
         let seen = match *origin {
             Origin::At(position) => (point - position).normalize_or_zero(),
-            Origin::Along(_) => DVec3::ZERO,
+            Origin::Along { .. } => DVec3::ZERO,
         };
         planes.iter().rev().map(|plane| geometry.planes()[*plane].normal).fold(seen, |d, n| d - n * (2.0 * d.dot(n)))
     }
@@ -160,7 +177,7 @@ impl ImageTree {
                 // The mirror plane lies between the point and the image, or there is no reflection.
                 let range = match mirrored {
                     Origin::At(position) => (position - at).length(),
-                    Origin::Along(_) => f64::INFINITY,
+                    Origin::Along { .. } => f64::INFINITY,
                 };
                 let hit = geometry.closest(at, direction, range, skip)?;
                 let Element::Surface(id) = hit.element else { return None };
@@ -195,7 +212,7 @@ impl ImageTree {
         let origin = self.images[current].origin;
         let end = match origin {
             Origin::At(position) => position,
-            Origin::Along(direction) => at - direction * self.far_m,
+            Origin::Along { direction, .. } => at - direction * self.far_m,
         };
         for hit in geometry.segment(at, end, skip, Skip::NONE) {
             let Element::Surface(id) = hit.element else { return None };

@@ -301,11 +301,11 @@ fn spreading(origin: &Origin, kind: &SourceKind, receiver: DVec3) -> (f64, f64) 
             let r = (d - *axis * d.dot(*axis)).length();
             (r, 1.0 / r)
         }
-        (Origin::At(position), _) => {
-            let r = (receiver - position).length();
+        (Origin::At(_), _) => {
+            let r = origin.length_m(receiver);
             (r, 1.0 / (r * r))
         }
-        (Origin::Along(direction), _) => (receiver.dot(direction), 1.0),
+        (Origin::Along { .. }, _) => (origin.length_m(receiver), 1.0),
     }
 }
 

@@ -199,6 +199,14 @@ impl Chain {
         }
     }
 
+    /// Way in m of a plane wave across the edges from the first one, which it passes in sight, to the one that shades; else 0.
+    fn ahead_m(&self) -> f64 {
+        match (self.from, self.passage()) {
+            (From::Plane(d, _), Passage::FirstLit) => d.dot(self.corners[1].at - self.corners[0].at),
+            _ => 0.0,
+        }
+    }
+
     /// Length in m of the shortest way across the edges, past the edge in sight (plane wave: from the edge on).
     fn over_m(&self) -> f64 {
         match self.single() {
@@ -330,7 +338,10 @@ impl ChainField {
             };
             (space, Phased::new(angle, source, receiver, chain.wave(), &across))
         };
-        let single = chain.single().map(|([source, receiver], angle)| both(angle, source, receiver));
+        let single = chain.single().map(|([source, receiver], angle)| {
+            let (space, plane) = both(angle, source, receiver);
+            (space, Phased(plane.0, plane.1 + chain.ahead_m()))
+        });
         let mut each = Vec::new();
         if single.is_none() && matches!(chain.from, From::Point(..)) {
             let [[source, second], [first, receiver]] = chain.about();

@@ -9,7 +9,7 @@ use std::path::Path;
 use diffray::geometry::Geometry;
 use diffray::plan::Plan;
 use diffray::scene::Scene;
-use diffray::simulate;
+use diffray::simulate::{self, Outcome};
 
 /// The plane y = 0; local x is world x, local y world z.
 pub const SCREEN: &str =
@@ -76,11 +76,15 @@ pub fn probe(name: &str, at: [f64; 3]) -> String {
 
 /// Levels in dB, `[probe][band]`, of a room with one source.
 pub fn levels(room: &str) -> Vec<Vec<f64>> {
+    outcome(room).receptions.iter().map(|r| r.levels.iter().map(|l| l.level_db()).collect()).collect()
+}
+
+/// What a room does.
+pub fn outcome(room: &str) -> Outcome {
     let loaded = Scene::from_str(room, "room.toml", &[]).unwrap_or_else(|e| panic!("{e}\n{room}"));
     let geometry = Geometry::new(&loaded.scene).expect("geometry");
     let plan = Plan::new(&loaded.scene, &geometry);
-    let outcome = simulate::run(&loaded.scene, &geometry, &plan, &|_| {}).expect("run");
-    outcome.receptions.iter().map(|r| r.levels.iter().map(|l| l.level_db()).collect()).collect()
+    simulate::run(&loaded.scene, &geometry, &plan, &|_| {}).expect("run")
 }
 
 /// The level of a room with one source, probe and band.
