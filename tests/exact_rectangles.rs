@@ -3,6 +3,7 @@
 mod reference;
 
 use diffray::wbsdf::crossing::Spectrum;
+use diffray::wbsdf::hatch::Hatch;
 use diffray::wbsdf::mask::{Jambs, Mask};
 use diffray::wbsdf::rectangle::Rectangle;
 use glam::DVec3;
@@ -349,4 +350,43 @@ fn levels_do_not_jump_where_a_corner_has_no_depth_any_more() {
             assert!(step < 0.1, "{thickness_m} m, {height_m} m, {before:?} {behind:?}: a step of {step} dB");
         }
     }
+}
+
+#[test]
+fn deep_rectangles_have_the_wave_numbers_that_waves_standing_across_them_ask_for() {
+    // Octave means of 400 wave numbers, oblique both ways; below, waves go straight on alone.
+    let directions = [
+        ([60.0, 60.0], [-70.0, 50.0]),
+        ([75.0, 80.0], [80.0, 75.0]),
+        ([50.0, 55.0], [60.0, 50.0]),
+        ([0.0, 60.0], [60.0, 0.0]),
+        ([10.0, 5.0], [-20.0, 10.0]),
+    ];
+    let mut errors = Errors::default();
+    for (height_m, depth_m, hz, from_m, step_m) in
+        [(0.3, 0.3, 2000.0, 0.14, 0.0028), (0.9, 0.3, 2000.0, 0.15, 0.0056), (0.3, 0.3, 1000.0, 0.19, 0.0056)]
+    {
+        let spectrum = Spectrum { low_hz: hz / 2f64.sqrt(), high_hz: hz * 2f64.sqrt(), speed_m_s: 343.0 };
+        let [low, high] = [spectrum.low_k(), spectrum.high_k()];
+        let nodes: Vec<(f64, f64)> =
+            (0..400).map(|i| (low + (high - low) * (f64::from(i) + 0.5) / 400.0, 1.0 / 400.0)).collect();
+        let mut sweeps = vec![Vec::new(); directions.len()];
+        for i in 0..8 {
+            let width_m = from_m + step_m * f64::from(i);
+            let opening = rectangle(width_m, height_m, depth_m, hz);
+            let limits = |width_m: f64| [-0.5 * width_m, 0.5 * width_m];
+            let exact = Hatch::new(limits(width_m), limits(height_m), depth_m, &nodes);
+            for (sweep, (before, behind)) in sweeps.iter_mut().zip(directions) {
+                let (source, receiver) = (off_normal(3.0, before, -1.0), off_normal(4.0, behind, 1.0));
+                let exact = exact.intensity(&exact.driven(&exact.view(source)), &exact.view(receiver));
+                let got = 10.0 * opening.intensity(source, receiver).log10();
+                errors.add(got, 10.0 * exact.log10());
+                sweep.push(got);
+            }
+        }
+        let step = sweeps.iter().map(|sweep| largest_step(sweep)).fold(0.0, f64::max);
+        println!("{height_m} m high, {hz} Hz: steps of {step:.3} dB");
+        assert!(step < 0.4, "{height_m} m high, {hz} Hz: a step of {step} dB");
+    }
+    errors.assert_within("deep rectangles", [0.03, 0.1, 0.15]);
 }

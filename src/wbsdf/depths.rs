@@ -76,7 +76,7 @@ impl Depths {
 /// 1 - k^2 A/pi of a wave in the gap (a piston's radiation), one that is wide across 1 - k a: so wide are the resonances.
 fn wave_numbers(width_m: f64, height_m: f64, depth_m: f64, spectrum: &Spectrum) -> Panels {
     let (low, high) = (spectrum.low_k(), spectrum.high_k());
-    let narrower = width_m.min(height_m);
+    let (narrower, longer) = (width_m.min(height_m), width_m.max(height_m));
     let mouth = narrower.min(low * width_m * height_m / PI);
-    gap_panels(0.35 * width_m.hypot(height_m) + 0.7 * depth_m, depth_m, [narrower, mouth], [low, high])
+    gap_panels(0.35 * width_m.hypot(height_m) + 0.7 * depth_m, depth_m, ([narrower, longer], mouth), [low, high])
 }

@@ -21,7 +21,7 @@ use super::chain::Corner;
 use super::crossing::Spectrum;
 use super::edge::AboutEdge;
 use super::mask::Mask;
-use super::slit::{MOST_FREQUENCIES, Solver, depths_of, gauss_nodes, resonant};
+use super::slit::{MOST_FREQUENCIES, Solver, depths_of, gauss_nodes, resonances};
 use super::thick::blended;
 use super::wedge::{Wave, WedgeField, free_wave};
 
@@ -237,7 +237,7 @@ impl Apertures {
         let smooth = 0.5 * (high - low) * (span + deepest_m);
         let most = if deepest_m > 0.0 { MOST_FREQUENCIES } else { MOST_OF_WIDE };
         let count = match high > low {
-            true => (8 + (smooth + resonant(openings, deepest_m, low, high)).ceil() as usize).min(most),
+            true => (8 + (smooth + resonances(openings, deepest_m, low, high)).ceil() as usize).min(most),
             false => 1,
         };
         let nodes: Vec<(f64, f64)> = gauss_nodes(spectrum.low_k(), spectrum.high_k(), count).collect();

@@ -17,7 +17,7 @@ use super::crossing::{Crossing, Incident, Spectrum};
 use super::edge::AboutEdge;
 use super::mask::Mask;
 use super::series::Panels;
-use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
+use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant, standing};
 use super::thick::{ThickAperture, blended, deep_share};
 use super::two_edges::Run;
 use super::wedge::{Wave, WedgeField, free_wave};
@@ -216,7 +216,7 @@ impl Rim {
             let diagonal = extent(x, shares[0]).hypot(extent(y, shares[1]));
             // A side that is solved exactly is the narrower one, or both are.
             let width = narrowest_m(narrower);
-            panels = gap_panels(0.7 * (diagonal + thickness_m), thickness_m, [width; 2], [low, high]);
+            panels = gap_panels(0.7 * (diagonal + thickness_m), thickness_m, ([width; 2], width), [low, high]);
         }
         let nodes = panels.nodes();
         let side = |mask: &Mask, share: f64, depth: f64| {
@@ -327,14 +327,16 @@ impl Rim {
 /// Panels of the band `low_high` for what passes an opening through a wall of `thickness_m` (0: thin) and varies with the wave number
 /// like exp(i k d), d up to a few times `smooth_m`.
 ///
-/// `width_m` of the narrower side, and of a slit whose waves lose as much at its mouth. A gap resonates from half a wavelength of its
-/// depth on, each mouth counted with twice its width: below, the panel has no nodes for resonances.
+/// `widths_m` of the narrower and of the longer side across which its waves stand. `mouth_m`: width of a slit whose waves lose as
+/// much at its mouth. A gap resonates from half a wavelength of its depth on, each mouth counted with twice its width: below, the
+/// panel has no nodes for resonances.
 pub(super) fn gap_panels(
     smooth_m: f64,
     thickness_m: f64,
-    [width_m, mouth_m]: [f64; 2],
+    (widths_m, mouth_m): ([f64; 2], f64),
     [low, high]: [f64; 2],
 ) -> Panels {
+    let width_m = widths_m[0];
     if high <= low {
         return Panels::new(vec![([low, high], 1)]);
     }
@@ -343,7 +345,9 @@ pub(super) fn gap_panels(
         let count = 4 + ((smooth_m * (to - from) + resonances).ceil() as usize).min(MOST_FREQUENCIES);
         ([from, to], count)
     };
-    let resonances = |from: f64| resonant(&[[0.0, mouth_m]], thickness_m, from, high);
+    let resonances = |from: f64| {
+        resonant(&[[0.0, mouth_m]], thickness_m, from, high).max(standing(widths_m, thickness_m, from, high))
+    };
     Panels::new(match first {
         _ if first >= high => vec![panel(low, high, 0.0)],
         _ if first <= low => vec![panel(low, high, resonances(low))],

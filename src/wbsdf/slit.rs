@@ -197,7 +197,7 @@ impl BandApertures {
         // |p|^2 varies over the band like cos(k d), d at most twice the span and the depth: Gauss nodes converge
         // exponentially beyond a quarter of that phase.
         let smooth = 0.5 * (high - low) * (span + thickness_m);
-        let phase = Some(smooth + resonant(openings, thickness_m, low, high)).filter(|phase| *phase > 0.5);
+        let phase = Some(smooth + resonances(openings, thickness_m, low, high)).filter(|phase| *phase > 0.5);
         let count = least_nodes(low, high) + phase.map_or(0, |phase| phase.ceil() as usize);
         let solver = |k: f64| Solver::new(mask, thickness_m, k, 1);
         let most = if openings.len() > FEW && thickness_m == 0.0 { MOST_OF_MANY } else { MOST_FREQUENCIES };
@@ -322,7 +322,7 @@ impl Solver {
     }
 }
 
-/// Frequencies that the resonances of gaps of `thickness_m` ask for between the wave numbers `low` and `high`.
+/// Frequencies that the resonances of waves straight on through gaps of `thickness_m` ask for between the wave numbers `low` and `high`.
 ///
 /// A mouth sends back 1 - k a of a wave in the gap, so that a resonance is k a / h wide (in k); Gauss nodes find it to 1 %
 /// from three a width on.
@@ -335,6 +335,29 @@ pub(super) fn resonant(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: 
     // A wide gap sends back only modes near their cut-on, a share of 1/(k a) of the power.
     let share = (WIDE_GAP_KA / (first * narrowest)).min(1.0);
     3.0 * share * (high - low) * thickness_m / (first * narrowest).min(1.5)
+}
+
+/// Frequencies that all resonances of slits ask for between the wave numbers `low` and `high`.
+pub(super) fn resonances(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: f64) -> f64 {
+    let widths = openings.iter().map(|o| o[1] - o[0]);
+    let (narrowest, widest) = widths.fold((f64::INFINITY, 0.0_f64), |(a, b), width| (a.min(width), b.max(width)));
+    resonant(openings, thickness_m, low, high).max(standing([narrowest, widest], thickness_m, low, high))
+}
+
+/// Frequencies that the resonances of waves ask for which also stand across a gap with sides of `narrower_m` and `longer_m`.
+///
+/// With gamma along the depth h, a mouth sends back 1 - gamma a of such a wave, one that is wide across 1 - gamma sqrt(a/k), and gamma
+/// changes with k like k/gamma: a resonance is as wide as what a mouth loses times gamma/(k h). The one next to a cut-on, at
+/// gamma = pi/h, is the narrowest; where there are many, those below gamma = k/3 carry little. sqrt(a/k) and k/3 are what 100 gaps at random
+/// asked for.
+pub(super) fn standing([narrower_m, longer_m]: [f64; 2], thickness_m: f64, low: f64, high: f64) -> f64 {
+    let gamma = (high / 3.0).max(std::f64::consts::PI / thickness_m);
+    if thickness_m == 0.0 || high < gamma || high * longer_m < std::f64::consts::PI {
+        return 0.0;
+    }
+    let share = (WIDE_GAP_KA / (low * narrower_m)).min(1.0);
+    let lost = gamma * narrower_m / (high * narrower_m).sqrt().max(1.0);
+    3.0 * share * (high - low) * thickness_m * high / (gamma * lost)
 }
 
 /// Gauss nodes that leave 1e-6 of the mean over [low, high] of what has its singularity at 0: 4 for an octave, 3 for a third.
