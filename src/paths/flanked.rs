@@ -31,6 +31,7 @@ use crate::wbsdf::wedge;
 pub(super) const PLACES: usize = 33;
 /// Steps of sin(beta) to which apertures are shared where only the change by edges is asked for: a power of two.
 const COARSE: f64 = 64.0;
+
 /// Band, whether the edges lie along x of the opening, and sine of the angle between ray and edges (its bits).
 type Key = (usize, bool, u64);
 

@@ -302,7 +302,16 @@ impl<'a> Matcher<'a> {
         self.filter(&ln_gain, &vec![false; self.meter.bands.len()], None, shaper)
     }
 
-    /// The same with silent bands; their `fades` are left to the caller but for their phase.
+    /// Its amplitudes alone.
+    pub(super) fn amplitudes(&self, ln_gain: &[f64], shaper: &Shaper<'_>) -> Vec<f64> {
+        let (length, transform) = (shaper.length(), &self.meter.transform);
+        let places = between_bins(&self.nodes_hz, self.meter.sample_rate_hz / length as f64, length / 2 + 1);
+        let ln: Vec<Complex64> = places.iter().map(|place| Complex64::new(place.of(ln_gain), 0.0)).collect();
+        let gain = between_pulse_bins(&ln, length as f64 / transform.length() as f64, transform.bins());
+        gain.iter().map(|g| g.re).collect()
+    }
+
+    /// [`Self::gain`] with silent bands; their `fades` are left to the caller but for their phase.
     fn filter(
         &self,
         ln_gain: &[f64],

@@ -59,8 +59,7 @@ pub(super) fn join(
         for (spectrum, samples) in early.iter_mut().zip(channels.iter_mut()) {
             matcher.apply(&gain, spectrum, samples);
         }
-        let gain = matcher.gain(&ln_gain, 1.0, shaper);
-        let gain: Vec<f64> = gain.iter().map(|g| g.norm_sqr().sqrt()).collect();
+        let gain = matcher.amplitudes(&ln_gain, shaper);
         changed = gain.iter().map(|g| (g - 1.0).abs() > UNCHANGED).collect();
         amplitudes.iter_mut().zip(&gain).for_each(|(a, g)| *a *= g);
     }
