@@ -31,8 +31,8 @@ fn reception(bands: &[Band]) -> Reception {
             let r = 3.0 + 0.41 * f64::from(i) + 0.13 * f64::from(i * i % 11);
             let intensity = spectrum(r);
             let error = vec![0.0; bands.len()];
-            // The strongest paths of a room with a door have their course in sixths of an octave.
-            let parts = if i < 7 { 48 / bands.len() } else { 0 };
+            // The paths of a room with a door have their course in sixths of an octave.
+            let parts = 48 / bands.len();
             let comb = |e: &f64| (0..parts).map(|n| e * (1.0 + 0.5 * (-1.0_f64).powi(n as i32))).collect::<Vec<_>>();
             let course = intensity.iter().flat_map(comb).collect();
             EarlyPath {

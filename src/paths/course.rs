@@ -1,20 +1,24 @@
-//! The course of the strongest paths within the bands: what an opening or an edge passes changes from tone to tone, by interference of
+//! The course of the paths within the bands: what an opening or an edge passes changes from tone to tone, by interference of
 //! its edges' waves, resonances of deep gaps, and the band's own absorption of air.
 //!
-//! The same paths are found again in finer bands, up to few reflections, and scaled to the intensities that are known.
+//! The same paths are found again at the centres of finer bands, or as means over them where the centre may not tell, and scaled to the
+//! intensities that are known.
 
 use super::{Prepared, edge_reach};
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, Portal};
 use crate::probe::{EarlyPath, Reception, TableCost};
-use crate::scene::{Band, Scene, Spacing, Transport};
+use crate::scene::{Scene, Spacing, Transport};
+use crate::wbsdf::crossing::Spectrum;
+use crate::wbsdf::slit::resonances;
 
 /// Parts an octave.
 const PARTS: usize = 6;
-/// Most reflections on a path that is found again.
-const ORDER: usize = 1;
+/// Radians of phase, or nodes for resonances, over a part of a band up to which its centre tells it: the mean of the paths, each
+/// as strong as it is, is then 0.1 dB off their means over the parts.
+const EVEN: f64 = 3.0;
 
 /// Adds the courses within the bands to the paths of `receptions` (of all sources and probes of the scene, sources slowest) with at
-/// most one of at most `reflection_order` reflections. Where nothing bends sound there are none, nor for tones.
+/// most `reflection_order` reflections. Where nothing bends sound there are none, nor for tones.
 /// Returns what the openings cost.
 pub fn add_courses(
     scene: &Scene,
@@ -32,33 +36,56 @@ pub fn add_courses(
         return Vec::new();
     }
     let mut fine = scene.divided(parts);
+    let widths_hz: Vec<f64> = fine.bands.iter().map(|band| band.high_hz - band.low_hz).collect();
+    for band in &mut fine.bands {
+        let spectrum = Spectrum::new(band, scene.air.speed_of_sound_m_s);
+        if geometry.portals.iter().all(|portal| is_even(scene, geometry, portal, &spectrum)) {
+            (band.low_hz, band.high_hz) = (band.nominal_hz, band.nominal_hz);
+        }
+    }
     fine.simulation.interference = false;
     if scene.simulation.transport == Transport::Exact {
         // As good, and it takes no minutes.
         fine.simulation.transport = Transport::Wbsdf;
     }
-    let prepared = Prepared::new(&fine, geometry, reflection_order.min(ORDER));
-    let found = prepared.find();
-    for (reception, found) in receptions.iter_mut().zip(found) {
+    let prepared = Prepared::new(&fine, geometry, reflection_order);
+    for (reception, found) in receptions.iter_mut().zip(prepared.find()) {
         for path in &mut reception.paths {
             let same = |other: &&EarlyPath| {
-                other.label == path.label && (other.delay_s - path.delay_s).abs() <= 1e-9 * path.delay_s.abs()
+                (other.delay_s - path.delay_s).abs() <= 1e-9 * path.delay_s.abs() && other.label == path.label
             };
             if let Some(other) = found.paths.iter().find(same) {
-                path.course = scaled(&other.intensity, &path.intensity, &fine);
+                path.course = scaled(&other.intensity, &path.intensity, &widths_hz);
             }
         }
     }
     prepared.costs()
 }
 
-/// `course` with the white means over the bands that are `intensity`, flat where it has none.
-fn scaled(course: &[f64], intensity: &[f64], fine: &Scene) -> Vec<f64> {
+/// Whether what an opening passes changes so little over a band that its centre tells it: the phases between its edges across, or
+/// from it to others in its wall, and its resonances.
+fn is_even(scene: &Scene, geometry: &Geometry, portal: &Portal, spectrum: &Spectrum) -> bool {
+    let narrower_m = (portal.x_m[1] - portal.x_m[0]).min(portal.y_m[1] - portal.y_m[0]);
+    let others = geometry.portals.iter().filter(|other| other.group == portal.group);
+    let reach_m = others.map(|other| apart_m(other, portal)).fold(narrower_m, f64::max);
+    let depth_m = scene.gap_depth_m(&scene.openings[portal.opening]);
+    let (low, high) = (spectrum.low_k(), spectrum.high_k());
+    (high - low) * reach_m <= EVEN && resonances(&[[0.0, narrower_m]], depth_m, low, high) <= EVEN
+}
+
+/// Distance in m between two openings of one wall.
+fn apart_m(a: &Portal, b: &Portal) -> f64 {
+    let between = |a: [f64; 2], b: [f64; 2]| (a[0].max(b[0]) - a[1].min(b[1])).max(0.0);
+    between(a.x_m, b.x_m).hypot(between(a.y_m, b.y_m))
+}
+
+/// `course` over parts of bands that are `widths_hz` wide, with the white means over the bands that are `intensity`, flat where it has
+/// none.
+fn scaled(course: &[f64], intensity: &[f64], widths_hz: &[f64]) -> Vec<f64> {
     let parts = course.len() / intensity.len();
-    let in_band = |((course, bands), wanted): ((&[f64], &[Band]), &f64)| {
-        let widths = || bands.iter().map(|band| band.high_hz - band.low_hz);
-        let mean = course.iter().zip(widths()).map(|(e, width)| e * width).sum::<f64>() / widths().sum::<f64>();
+    let in_band = |((course, widths), wanted): ((&[f64], &[f64]), &f64)| {
+        let mean = course.iter().zip(widths).map(|(e, width)| e * width).sum::<f64>() / widths.iter().sum::<f64>();
         course.iter().map(|e| if mean > 0.0 { wanted * e / mean } else { *wanted }).collect::<Vec<f64>>()
     };
-    course.chunks(parts).zip(fine.bands.chunks(parts)).zip(intensity).flat_map(in_band).collect()
+    course.chunks(parts).zip(widths_hz.chunks(parts)).zip(intensity).flat_map(in_band).collect()
 }

@@ -87,11 +87,12 @@ pub(super) fn ln_magnitude(bands: &[Band], intensity: &[f64]) -> Vec<f64> {
     let silent: Vec<bool> = intensity.iter().map(|e| *e <= 0.0).collect();
     // Squared magnitudes on a scale on which the loudest band is 1.
     let wanted: Vec<f64> = intensity.iter().map(|e| (e / loudest).max(f64::MIN_POSITIVE).ln()).collect();
+    let cells = cells(bands);
     let mut x = wanted.clone();
     fill_silent(&mut x, &silent);
     for _ in 0..100 {
         let mut worst: f64 = 0.0;
-        let missing: Vec<f64> = (0..bands.len()).map(|b| wanted[b] - mean_power(bands, &x, b).ln()).collect();
+        let missing: Vec<f64> = (0..bands.len()).map(|b| wanted[b] - mean_power(&cells, &x, b).ln()).collect();
         for b in (0..bands.len()).filter(|b| !silent[*b]) {
             x[b] += missing[b];
             worst = worst.max(missing[b].abs());
@@ -104,15 +105,35 @@ pub(super) fn ln_magnitude(bands: &[Band], intensity: &[f64]) -> Vec<f64> {
     x.iter().map(|x| 0.5 * (x + loudest.ln())).collect()
 }
 
-/// White mean over band `b` of the power law pieces through ln |H|^2 = `x` at the centres.
-fn mean_power(bands: &[Band], x: &[f64], b: usize) -> f64 {
-    let centre = centre_hz(&bands[b]);
-    let slope = |other: usize| (x[other] - x[b]) / (centre_hz(&bands[other]) / centre).ln();
-    let below = if b > 0 { slope(b - 1) } else { 0.0 };
-    let above = if b + 1 < bands.len() { slope(b + 1) } else { 0.0 };
-    let (low, high) = ((bands[b].low_hz / centre).ln(), (bands[b].high_hz / centre).ln());
-    let integral = centre * (power_integral(below + 1.0, low, 0.0) + power_integral(above + 1.0, 0.0, high));
-    x[b].exp() * integral / (bands[b].high_hz - bands[b].low_hz)
+/// Where a band lies, in ln f from its centre.
+struct Cell {
+    /// Its limits.
+    limits: [f64; 2],
+    /// The next centre, infinite if there is none.
+    next: f64,
+    /// Its centre over its width.
+    sharpness: f64,
+}
+
+fn cells(bands: &[Band]) -> Vec<Cell> {
+    let cell = |(b, band): (usize, &Band)| {
+        let centre = centre_hz(band);
+        Cell {
+            limits: [(band.low_hz / centre).ln(), (band.high_hz / centre).ln()],
+            next: bands.get(b + 1).map_or(f64::INFINITY, |next| (centre_hz(next) / centre).ln()),
+            sharpness: centre / (band.high_hz - band.low_hz),
+        }
+    };
+    bands.iter().enumerate().map(cell).collect()
+}
+
+/// White mean over band `b` of the power law pieces through ln |H|^2 = `x` at the centres, held beyond the outermost.
+fn mean_power(cells: &[Cell], x: &[f64], b: usize) -> f64 {
+    let slope_above = |b: usize| if b + 1 < x.len() { (x[b + 1] - x[b]) / cells[b].next } else { 0.0 };
+    let below = if b > 0 { slope_above(b - 1) } else { 0.0 };
+    let Cell { limits: [low, high], sharpness, .. } = cells[b];
+    let integral = power_integral(below + 1.0, low, 0.0) + power_integral(slope_above(b) + 1.0, 0.0, high);
+    x[b].exp() * sharpness * integral
 }
 
 /// Integral of exp(q u) du from `from` to `to`.
@@ -175,6 +196,8 @@ pub(super) struct Shaper<'a> {
     length: usize,
     sample_rate_hz: f64,
     places: Vec<Between>,
+    /// The last polygon's support points in Hz and the places of the bins between them.
+    polygon: (Vec<f64>, Vec<Between>),
     /// Minimum phase of ln |H| = 1 at one centre and 0 at the others; `[band][bin]`.
     unit_phase: Vec<Vec<f64>>,
     fades: BTreeMap<Vec<bool>, Fade>,
@@ -194,6 +217,7 @@ impl<'a> Shaper<'a> {
             length,
             sample_rate_hz,
             places,
+            polygon: (Vec::new(), Vec::new()),
             unit_phase: Vec::new(),
             fades: BTreeMap::new(),
             spectrum: vec![Complex64::ZERO; length / 2 + 1],
@@ -293,8 +317,11 @@ impl<'a> Shaper<'a> {
         fraction: f64,
     ) -> (Vec<f64>, Vec<f64>, f64) {
         self.prepare_fade(silent);
-        let places = between_bins(points_hz, self.sample_rate_hz / self.length as f64, self.places.len());
-        let ln: Vec<f64> = places.iter().map(|place| place.of(values)).collect();
+        if self.polygon.0 != points_hz {
+            let places = between_bins(points_hz, self.sample_rate_hz / self.length as f64, self.places.len());
+            self.polygon = (points_hz.to_vec(), places);
+        }
+        let ln: Vec<f64> = self.polygon.1.iter().map(|place| place.of(values)).collect();
         let mut phase = self.minimum_phase(&ln);
         let mut magnitude: Vec<f64> = ln.iter().map(|ln| ln.exp()).collect();
         if let Some(fade) = self.fades.get(silent) {

@@ -17,7 +17,7 @@ use super::crossing::{Crossing, Incident, Spectrum};
 use super::edge::AboutEdge;
 use super::mask::Mask;
 use super::series::Panels;
-use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant, standing};
+use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, least_nodes, resonant, standing};
 use super::thick::{ThickAperture, blended, deep_share};
 use super::two_edges::Run;
 use super::wedge::{Wave, WedgeField, free_wave};
@@ -342,7 +342,8 @@ pub(super) fn gap_panels(
     }
     let first = if thickness_m > 0.0 { 0.9 * PI / (thickness_m + 4.0 * width_m) } else { f64::INFINITY };
     let panel = |from: f64, to: f64, resonances: f64| {
-        let count = 4 + ((smooth_m * (to - from) + resonances).ceil() as usize).min(MOST_FREQUENCIES);
+        let count =
+            least_nodes(low, high) + ((smooth_m * (to - from) + resonances).ceil() as usize).min(MOST_FREQUENCIES);
         ([from, to], count)
     };
     let resonances = |from: f64| {
@@ -384,7 +385,11 @@ impl Field {
     fn mean(&self, spectrum: &Spectrum) -> f64 {
         let (low, high) = (spectrum.low_k(), spectrum.high_k());
         let phase = (high - low) * self.wander_m();
-        let count = if high > low { 5 + ((0.35 * phase).ceil() as usize).min(MOST_FREQUENCIES) } else { 1 };
+        let count = if high > low {
+            1 + least_nodes(low, high) + ((0.35 * phase).ceil() as usize).min(MOST_FREQUENCIES)
+        } else {
+            1
+        };
         gauss_nodes(low, high, count).map(|(k, weight)| weight * self.pressure(k).norm_sqr()).sum()
     }
 }

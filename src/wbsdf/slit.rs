@@ -338,7 +338,7 @@ pub(super) fn resonant(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: 
 }
 
 /// Frequencies that all resonances of slits ask for between the wave numbers `low` and `high`.
-pub(super) fn resonances(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: f64) -> f64 {
+pub(crate) fn resonances(openings: &[[f64; 2]], thickness_m: f64, low: f64, high: f64) -> f64 {
     let widths = openings.iter().map(|o| o[1] - o[0]);
     let (narrowest, widest) = widths.fold((f64::INFINITY, 0.0_f64), |(a, b), width| (a.min(width), b.max(width)));
     resonant(openings, thickness_m, low, high).max(standing([narrowest, widest], thickness_m, low, high))
@@ -361,7 +361,7 @@ pub(super) fn standing([narrower_m, longer_m]: [f64; 2], thickness_m: f64, low: 
 }
 
 /// Gauss nodes that leave 1e-6 of the mean over [low, high] of what has its singularity at 0: 4 for an octave, 3 for a third.
-fn least_nodes(low: f64, high: f64) -> usize {
+pub(super) fn least_nodes(low: f64, high: f64) -> usize {
     if high <= low {
         return 1;
     }
