@@ -7,7 +7,7 @@ use glam::DVec3;
 use crate::error::Warning;
 use crate::geometry::{Element, Enclosure, FINE_M, Geometry, Skip};
 use crate::paths::{EdgeReach, ImageTree, MOST_EDGES, edge_reach, merged_images};
-use crate::scene::{Edges, Scene, SourceKind, Transport};
+use crate::scene::{Edges, Opening, Scene, SourceKind, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::mask::Mask;
 use crate::wbsdf::rectangle::Sides;
@@ -155,6 +155,7 @@ impl Plan {
         }
         let edges = edge_reach(scene, geometry);
         warnings.extend(edges_warnings(&edges, geometry.fine_edges));
+        warnings.extend(scene.openings.iter().filter_map(|opening| thin_warning(scene, opening)));
         let rooms = closed_rooms(scene, geometry);
         warnings.extend(modes_warning(scene, &rooms));
         let (traced, untraced_why) = trace_part(scene, geometry, reflection_order, &rooms);
@@ -433,6 +434,20 @@ fn edges_warnings(edges: &[EdgeReach], fine: usize) -> Vec<Warning> {
         });
     }
     warnings
+}
+
+/// The edge of a half-plane that an opening leaves of a thick unbounded wall, which counts as thin.
+fn thin_warning(scene: &Scene, opening: &Opening) -> Option<Warning> {
+    let depth_m = scene.gap_depth_m(opening);
+    let half_plane = opening.open_x_m.iter().any(|limit| limit.is_infinite());
+    (half_plane && depth_m > 0.0 && scene.simulation.diffraction_order > 0).then(|| Warning {
+        observation: format!(
+            "sound bends over the edge of opening \"{}\" as if its wall were thin, not {depth_m} m thick",
+            opening.name
+        ),
+        remedy: "leave unbounded out and give the wall's corners: edges of walls with ends are as thick as the wall"
+            .to_owned(),
+    })
 }
 
 /// Below 2000 sqrt(T/V) Hz (T in s, V in m^3; Schroeder 1962) a room answers with single modes.

@@ -108,3 +108,18 @@ fn too_many_image_sources_lower_the_order_and_say_so() {
     assert!(plan.reflection_order < 9 && plan.images <= 50_000.0);
     assert!(plan.warnings.iter().any(|w| w.observation.contains("image sources")));
 }
+
+#[test]
+fn a_half_plane_that_counts_as_thin_is_said_to_be_so() {
+    let warned = |thickness_m: f64, sky: &str| {
+        let plan = plan_of(&format!(
+            "[[wall]]\nname = \"screen\"\nmaterial = \"rigid\"\nunbounded = true\nthickness_m = {thickness_m:?}\n\
+             corners_m = [[0, 0, 0], [0, 0, 1], [0, 1, 1]]\n\
+             [[opening]]\nname = \"sky\"\nwall = \"screen\"\nx_m = {sky}\ny_m = [-inf, inf]\n\
+             [[source]]\nname = \"s\"\nposition_m = [-2, 0, -1]\n[[probe]]\nname = \"p\"\nposition_m = [2, 0, -1]\n"
+        ));
+        plan.warnings.iter().any(|w| w.observation.contains("edge of opening \"sky\" as if its wall were thin"))
+    };
+    assert!(warned(0.5, "[0, inf]") && warned(0.5, "[-inf, 0]"));
+    assert!(!warned(0.0, "[0, inf]") && !warned(0.5, "[0, 1]"));
+}
