@@ -7,7 +7,6 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use num_complex::Complex64;
 use rayon::prelude::*;
 
 use super::Pair;
@@ -18,14 +17,14 @@ use super::wave::{FEW, Sound, Wave, frequencies};
 use crate::geometry::{Element, Geometry, Portal, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Frame, Scene, Transport};
-use crate::wbsdf::crossing::{Crossing, Spectrum};
+use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::mask::{Jambs, Mask};
-use crate::wbsdf::rectangle::{Corners, Passed, Rectangle};
-use crate::wbsdf::rim::{shortest_over, span, unfolded};
+use crate::wbsdf::rectangle::{Corners, Ends, Passed, Rectangle};
+use crate::wbsdf::rim::{shortest_over, span};
 use crate::wbsdf::slit::gauss_nodes;
 use crate::wbsdf::timed::{Cost, Timed};
 use crate::wbsdf::utd;
-use crate::wbsdf::utd_opening::OpeningRays;
+use crate::wbsdf::utd_opening::DoorRays;
 
 /// Rectangular openings of one wall with the same limits along y.
 pub(super) struct Rectangles {
@@ -251,33 +250,32 @@ impl Rectangles {
             // As pressures later.
             return vec![vec![0.0; spectra.len()]; ways.len()];
         }
-        let in_band = |(band, spectrum): (usize, &Spectrum)| {
-            let rough: Vec<f64> = ways.iter().map(|way| way.rough(band, spectrum)).collect();
-            let mut order: Vec<usize> = (0..ways.len()).collect();
-            order.sort_by(|a, b| rough[*b].total_cmp(&rough[*a]));
-            let mut left: f64 = rough.iter().sum();
-            let weak = WEAK * left;
+        let rough = |(band, spectrum)| ways.iter().map(|way| way.rough(band, spectrum)).collect();
+        let rough: Vec<Vec<f64>> = spectra.iter().enumerate().map(rough).collect();
+        let strong = |(rough, spectrum): (&Vec<f64>, &Spectrum)| {
             let all_exact = ways.len() <= FEW_WAYS || self.narrowest_m() * spectrum.high_k() < SCREENS_KA;
-            let (mut found, mut guessed) = (0.0, 0.0);
-            let mut values = vec![0.0; ways.len()];
-            for i in order {
-                values[i] = if all_exact || left > weak || guessed == 0.0 {
-                    let value = self.intensity(scene, (band, spectrum), &ways[i], places);
-                    (found, guessed) = (found + value, guessed + rough[i]);
-                    value
-                } else {
-                    rough[i] * found / guessed
-                };
-                left -= rough[i];
+            if all_exact { vec![true; ways.len()] } else { strongest(rough) }
+        };
+        let strong: Vec<Vec<bool>> = rough.iter().zip(spectra).map(strong).collect();
+        let all = covering(spectra);
+        let of_way = |(n, way): (usize, &Way<'_>)| {
+            let crossed = Crossed::new(self, way.from.position, way.to.position, &all);
+            let mut values = vec![0.0; spectra.len()];
+            // Each way starts with another band, so that their tables are made side by side.
+            for band in (0..spectra.len()).map(|i| (i + n) % spectra.len()).filter(|band| strong[*band][n]) {
+                values[band] = self.intensity(scene, (band, &spectra[band]), (way, &crossed), places);
             }
-            let solved = self.bands[band].get().into_iter();
-            solved
-                .chain(self.mirrored.iter().filter_map(|m| m.bands[band].get()))
-                .for_each(Rectangle::forget_receivers);
             values
         };
-        let bands: Vec<Vec<f64>> = spectra.par_iter().enumerate().map(in_band).collect();
-        (0..ways.len()).map(|way| bands.iter().map(|values| values[way]).collect()).collect()
+        let mut values: Vec<Vec<f64>> = ways.par_iter().enumerate().map(of_way).collect();
+        self.all_bands().filter_map(Timed::get).for_each(Rectangle::forget_receivers);
+        for (band, (rough, strong)) in rough.iter().zip(&strong).enumerate() {
+            let heard = || (0..ways.len()).filter(|n| strong[*n]);
+            let guessed = heard().map(|n| rough[n]).sum::<f64>();
+            let scale = if guessed > 0.0 { heard().map(|n| values[n][band]).sum::<f64>() / guessed } else { 0.0 };
+            (0..ways.len()).filter(|n| !strong[*n]).for_each(|n| values[n][band] = scale * rough[n]);
+        }
+        values
     }
 
     fn narrowest_m(&self) -> f64 {
@@ -286,8 +284,14 @@ impl Rectangles {
     }
 
     /// Intensity of a way in a band.
-    fn intensity(&self, scene: &Scene, (band, spectrum): (usize, &Spectrum), way: &Way<'_>, places: &[DVec3]) -> f64 {
-        let own = || self.seen_part(self.alone(scene, band, spectrum), spectrum, way, places);
+    fn intensity(
+        &self,
+        scene: &Scene,
+        (band, spectrum): (usize, &Spectrum),
+        (way, crossed): (&Way<'_>, &Crossed),
+        places: &[DVec3],
+    ) -> f64 {
+        let own = || self.seen_part(self.alone(scene, band, spectrum), spectrum, (way, &crossed.alone), places);
         let value = match way.mirrored {
             None => own(),
             Some((m, first)) => {
@@ -296,7 +300,7 @@ impl Rectangles {
                 let both = || {
                     let whole = self.with_images(scene, m, band, spectrum);
                     let share = seen_share(&way.seen, places, way.over, self.zone_m2(spectrum, way, places));
-                    share * whole.intensity(way.from.position, way.to.position).max(0.0)
+                    share * whole.intensity_between(&crossed.with_images).max(0.0)
                 };
                 let alone = if f < 1.0 { (1.0 - f) * own() } else { 0.0 };
                 alone + if first && f > 0.0 { f * both() } else { 0.0 }
@@ -322,11 +326,12 @@ impl Rectangles {
     /// A way as a pressure: its course is that of the openings together with the images that they mostly have, the band means of
     /// |p|^2 are `intensity`.
     fn as_pressure<'a>(&self, pair: &Pair<'_>, way: &Way<'_>, intensity: &[f64]) -> Wave<'a> {
+        let crossed = Crossed::new(self, way.from.position, way.to.position, &covering(pair.spectra));
         let mut wander_m = 0.0_f64;
         let mut pressures = Vec::new();
         for (band, (spectrum, intensity)) in pair.spectra.iter().zip(intensity).enumerate() {
-            let rectangle = self.mostly(pair.scene, way.mirrored, band, spectrum);
-            let passed = rectangle.pressure(way.from.position, way.to.position, way.length_m);
+            let (rectangle, ends) = self.mostly(pair.scene, way.mirrored, (band, spectrum), &crossed);
+            let passed = rectangle.pressure(ends, way.length_m);
             wander_m = wander_m.max(passed.wander_m);
             let (low, high) = (spectrum.low_k(), spectrum.high_k());
             let nodes = gauss_nodes(low, high, frequencies(FEW, high - low, passed.wander_m));
@@ -342,12 +347,14 @@ impl Rectangles {
         &'a self,
         scene: &Scene,
         mirrored: Option<(&'a Mirrored, bool)>,
-        band: usize,
-        spectrum: &Spectrum,
-    ) -> &'a Rectangle {
+        (band, spectrum): (usize, &Spectrum),
+        crossed: &'a Crossed,
+    ) -> (&'a Rectangle, &'a Ends) {
         match mirrored {
-            Some((m, true)) if m.factors[band] > 0.5 => self.with_images(scene, m, band, spectrum),
-            _ => self.alone(scene, band, spectrum),
+            Some((m, true)) if m.factors[band] > 0.5 => {
+                (self.with_images(scene, m, band, spectrum), &crossed.with_images)
+            }
+            _ => (self.alone(scene, band, spectrum), &crossed.alone),
         }
     }
 
@@ -357,11 +364,12 @@ impl Rectangles {
         if mirrored.is_some_and(|(m, first)| !first && m.factors.iter().any(|f| *f > 0.5)) {
             return None;
         }
-        let bands = pair.spectra.iter().enumerate();
-        let passed = |(band, spectrum): (usize, &Spectrum)| {
-            self.mostly(pair.scene, mirrored, band, spectrum).pressure(from, to, length_m)
+        let crossed = Crossed::new(self, from, to, &covering(pair.spectra));
+        let passed = |band: (usize, &Spectrum)| {
+            let (rectangle, ends) = self.mostly(pair.scene, mirrored, band, &crossed);
+            rectangle.pressure(ends, length_m)
         };
-        Some(bands.map(passed).collect())
+        Some(pair.spectra.iter().enumerate().map(passed).collect())
     }
 
     /// Limits along x and along y.
@@ -402,8 +410,13 @@ impl Rectangles {
     }
 
     /// Intensity through the openings themselves, by the share of places that see both ends.
-    fn seen_part(&self, rectangle: &Rectangle, spectrum: &Spectrum, way: &Way<'_>, places: &[DVec3]) -> f64 {
-        let (from, to) = (way.from.position, way.to.position);
+    fn seen_part(
+        &self,
+        rectangle: &Rectangle,
+        spectrum: &Spectrum,
+        (way, ends): (&Way<'_>, &Ends),
+        places: &[DVec3],
+    ) -> f64 {
         let dark = |part: &[bool]| part.iter().all(|s| !s);
         if way.seen.chunks(25).any(dark) {
             // Openings that are hidden take no part.
@@ -411,13 +424,13 @@ impl Rectangles {
             return lit
                 .map(|(i, (seen, places))| {
                     let zone = self.zone_m2(spectrum, way, places);
-                    let value = rectangle.part(i).intensity(from, to).max(0.0);
+                    let value = rectangle.part(i).intensity_between(ends.part(i)).max(0.0);
                     value * seen_share(seen, places, way.over, zone)
                 })
                 .sum();
         }
         let share = seen_share(&way.seen, places, way.over, self.zone_m2(spectrum, way, places));
-        rectangle.intensity(from, to).max(0.0) * share
+        rectangle.intensity_between(ends).max(0.0) * share
     }
 
     /// Area in m^2 about the shortest way that counts: the first Fresnel zone, or a cell between the places.
@@ -454,34 +467,38 @@ impl Rectangles {
     }
 }
 
-/// Rectangular openings by the coherent second opinion: the product of the transfers of their two directions, each with the
-/// distances that the shortest way has when it is unfolded.
-struct DoorRays {
-    sides: [(OpeningRays, f64); 2],
-    straight_m: f64,
+/// Source and receiver of a way, for all bands: what the edges of the openings send, and those of the openings with their images.
+struct Crossed {
+    alone: Ends,
+    with_images: Ends,
 }
 
-impl DoorRays {
-    /// `None`: no straight way leads through the plane.
-    fn new(x: &Mask, y: &Mask, from: DVec3, to: DVec3) -> Option<Self> {
-        let [across_x, across_y] = unfolded(x, y, from, to)?;
-        let side = |mask: &Mask, crossing: &Crossing| {
-            (OpeningRays::new(mask.openings(), crossing), 1.0 / crossing.free_intensity())
-        };
-        Some(Self { sides: [side(x, &across_x), side(y, &across_y)], straight_m: (to - from).length() })
+impl Crossed {
+    fn new(openings: &Rectangles, from: DVec3, to: DVec3, all: &Spectrum) -> Self {
+        let (x, y) = openings.mirrored.as_ref().map_or((&openings.x, &openings.y), |m| (&m.x, &m.y));
+        let ends = |x, y| Ends::new(x, y, [from, to], all);
+        Self { alone: ends(&openings.x, &openings.y), with_images: ends(x, y) }
     }
+}
 
-    /// Pressure relative to the free field at 1 m, with phase.
-    fn pressure(&self, k: f64) -> Complex64 {
-        let without =
-            |(rays, length_m): &(OpeningRays, f64)| rays.pressure(k) * Complex64::from_polar(1.0, -k * length_m);
-        let [x, y] = &self.sides;
-        without(x) * without(y) * Complex64::from_polar(1.0, k * self.straight_m)
+/// Of the ways with these `rough` intensities the strongest, but for the weakest that bring less than [`WEAK`] of the whole.
+fn strongest(rough: &[f64]) -> Vec<bool> {
+    let mut order: Vec<usize> = (0..rough.len()).collect();
+    order.sort_by(|a, b| rough[*b].total_cmp(&rough[*a]));
+    let mut left: f64 = rough.iter().sum();
+    let (weak, mut strong) = (WEAK * left, vec![false; rough.len()]);
+    for (rank, way) in order.into_iter().enumerate() {
+        strong[way] = rank == 0 || left > weak;
+        left -= rough[way];
     }
+    strong
+}
 
-    fn detour_m(&self) -> f64 {
-        self.sides.iter().map(|(rays, _)| rays.detour_m()).sum()
-    }
+/// From the lowest band's lower edge to the highest one's upper edge.
+fn covering(spectra: &[Spectrum]) -> Spectrum {
+    let low_hz = spectra.iter().map(|s| s.low_hz).fold(f64::INFINITY, f64::min);
+    let high_hz = spectra.iter().map(|s| s.high_hz).fold(0.0, f64::max);
+    Spectrum { low_hz, high_hz, ..spectra[0] }
 }
 
 fn jambs(scene: &Scene) -> Jambs {

@@ -6,6 +6,7 @@
 //! the same corner, small enough to be solved exactly. There the edges' intensity is multiplied by the ratio of the exact solution to
 //! the edges of that smaller opening.
 
+use std::cell::OnceCell;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -17,7 +18,7 @@ use super::depths::Depths;
 use super::hatch::{Driven, View, unknowns};
 use super::mask::{Jambs, Mask};
 use super::product::paraxial_intensity;
-use super::rim::{NARROW_SIDE_KA, Rim, deep_share_of_edges, facing, only, shortest_over, span};
+use super::rim::{Field, NARROW_SIDE_KA, Rim, deep_share_of_edges, facing, only, shortest_over, span};
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
 use super::thick::{depths, shared};
 use super::timed::{Cost, Timed};
@@ -103,6 +104,8 @@ struct Corner {
     depth: f64,
     spectrum: Spectrum,
     exact: Depths,
+    x: Mask,
+    y: Mask,
     rim: Rim,
 }
 
@@ -131,7 +134,7 @@ impl Corners {
         let exact = Depths::new(limits[0], limits[1], &shared(deep, thickness), spectrum);
         let [x, y] = limits.map(|limits| Mask::new(&[limits]));
         let rim = Rim::new(&x, &y, depth, spectrum);
-        let new = Arc::new(Corner { sides, depth, spectrum: *spectrum, exact, rim });
+        let new = Arc::new(Corner { sides, depth, spectrum: *spectrum, exact, x, y, rim });
         all.push(Arc::clone(&new));
         new
     }
@@ -209,37 +212,45 @@ impl Rectangle {
     /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
     /// mean. Both in the opening's frame (x and y along its sides, z the normal, in m), on opposite sides of z = 0.
     /// Swapping them changes nothing.
+    pub fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
+        self.intensity_between(&Ends::new(&self.x, &self.y, [source, receiver], &self.spectrum))
+    }
+
+    /// The same between the points of `ends`, which several bands may share.
     ///
     /// Several openings: what they pass one by one, times what their edges say
     /// that they pass together.
-    pub fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
+    pub fn intensity_between(&self, ends: &Ends) -> f64 {
+        let [source, receiver] = ends.points;
         if self.jambs == Jambs::Paraxial {
             return paraxial_intensity(&self.x, &self.y, source, receiver, &self.spectrum);
         }
         if !self.parts.is_empty() {
-            let sum = |f: &dyn Fn(&Self) -> f64| self.parts.iter().map(f).sum::<f64>();
-            let apart = sum(&|part| part.rim(source, receiver));
-            let together = self.rim(source, receiver);
-            return if apart > 0.0 { together * sum(&|part| part.intensity(source, receiver)) / apart } else { 0.0 };
+            let sum =
+                |f: &dyn Fn(&Self, &Ends) -> f64| self.parts.iter().zip(&ends.parts).map(|(p, e)| f(p, e)).sum::<f64>();
+            let apart = sum(&|part, ends| part.edges().intensity(ends.field()));
+            let together = self.edges().intensity(ends.field());
+            return if apart > 0.0 { together * sum(&Self::intensity_between) / apart } else { 0.0 };
         }
         let share = self.exact_share(source, receiver);
         let exact = if share > 0.0 { self.exactly(source, receiver) } else { 0.0 };
         if share == 1.0 {
             return exact;
         }
-        let edges = self.rim(source, receiver) * self.corner(source, receiver);
+        let edges = self.edges().intensity(ends.field()) * self.corner(source, receiver);
         share * exact + (1.0 - share) * edges
     }
 
-    /// The pressure at `receiver` relative to the modulus of the free field at 1 m at any wave number of the band, with the phase
+    /// The pressure at the receiver relative to the modulus of the free field at 1 m at any wave number of the band, with the phase
     /// of the whole way, which is `length_m` at least.
-    pub fn pressure(&self, source: DVec3, receiver: DVec3, length_m: f64) -> Passed {
+    pub fn pressure(&self, ends: &Ends, length_m: f64) -> Passed {
+        let [source, receiver] = ends.points;
         let way = move |k: f64| Complex64::from_polar(1.0, k * length_m);
         if self.jambs == Jambs::Paraxial {
             return Passed { wander_m: 0.0, pressure: Box::new(way) };
         }
         let share = self.exact_share(source, receiver);
-        let rim = (share < 1.0).then(|| self.edges().pressure(source, receiver));
+        let rim = (share < 1.0).then(|| self.edges().pressure(ends.field()));
         // Half a diagonal more than the shortest way is the middle of the others.
         let middle_m = length_m + 0.5 * diagonal_m(&self.x, &self.y);
         let exact = self
@@ -282,7 +293,7 @@ impl Rectangle {
         let inward = |at: f64, limits: [f64; 2], half: f64| if at == limits[0] { at + half } else { at - half };
         let middle = DVec3::new(inward(corner.x, x_m, half[0]), inward(corner.y, y_m, half[1]), 0.0);
         let [source, receiver] = [source, receiver].map(|point| k * (point - middle));
-        let edges = small.rim.intensity(source, receiver);
+        let edges = small.rim.intensity(&Field::new(&small.x, &small.y, [source, receiver], &small.spectrum));
         let driven = self.corner_sources.of(source, || small.exact.driven(source));
         let seen = self.corner_receivers.of(receiver, || small.exact.view(receiver));
         let exact = small.exact.intensity(&driven, &seen);
@@ -311,10 +322,6 @@ impl Rectangle {
 
     fn edges(&self) -> &Rim {
         self.rim.get_or_make(|| Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum))
-    }
-
-    fn rim(&self, source: DVec3, receiver: DVec3) -> f64 {
-        self.edges().intensity(source, receiver)
     }
 
     fn drive(&self, exact: &Depths, source: DVec3) -> Arc<Vec<Driven>> {
@@ -359,6 +366,36 @@ impl Rectangle {
         };
         let farther = away(source).max(away(receiver));
         fade(unknowns(k * width, k * height), EXACT_UNKNOWNS) * (1.0 - fade(farther / longer, EXACT_FROM))
+    }
+}
+
+/// Two points in the frame of openings, on opposite sides of z = 0, and what the edges send from one to the other: for many bands,
+/// found when the first of them asks for it.
+pub struct Ends {
+    points: [DVec3; 2],
+    x: Mask,
+    y: Mask,
+    spectrum: Spectrum,
+    field: OnceCell<Arc<Field>>,
+    /// For each of several openings alone.
+    parts: Vec<Self>,
+}
+
+impl Ends {
+    /// `points`: source and receiver, in m; the openings `x` by `y`; `spectrum` covers all bands.
+    pub fn new(x: &Mask, y: &Mask, points: [DVec3; 2], spectrum: &Spectrum) -> Self {
+        let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, points, spectrum);
+        let parts = if x.openings().len() > 1 { x.openings().iter().map(part).collect() } else { Vec::new() };
+        Self { points, x: x.clone(), y: y.clone(), spectrum: *spectrum, field: OnceCell::new(), parts }
+    }
+
+    /// Those of the opening number `i` alone, of all of them if there is no such one.
+    pub fn part(&self, i: usize) -> &Self {
+        self.parts.get(i).unwrap_or(self)
+    }
+
+    fn field(&self) -> &Arc<Field> {
+        self.field.get_or_init(|| Arc::new(Field::new(&self.x, &self.y, self.points, &self.spectrum)))
     }
 }
 

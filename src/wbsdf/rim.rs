@@ -8,6 +8,7 @@
 //! out: see rectangle.rs.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::Arc;
 
 use glam::DVec3;
 use num_complex::Complex64;
@@ -20,7 +21,7 @@ use super::series::Panels;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, least_nodes, resonant, standing};
 use super::thick::{ThickAperture, blended, deep_share};
 use super::two_edges::Run;
-use super::wedge::{Wave, WedgeField, free_wave};
+use super::wedge::{Between, Wave, WedgeField, free_wave};
 
 /// k times width from which the exact aperture across a side loses its weight, and at which it has none.
 pub(super) const NARROW_SIDE_KA: [f64; 2] = [8.0, 12.0];
@@ -115,11 +116,8 @@ pub fn unfolded(x: &Mask, y: &Mask, source: DVec3, receiver: DVec3) -> Option<[C
     ])
 }
 
-/// One edge: its field, and the length in m of the way over it that phases count from.
-struct Edge {
-    field: WedgeField,
-    over_m: f64,
-}
+/// What one edge sends.
+struct Edge(WedgeField);
 
 impl Edge {
     /// The edge at `edge_m` along x with its screen towards `side` of it, from `ends_m[0]` to `ends_m[1]` along y; without ends
@@ -134,24 +132,24 @@ impl Edge {
             Some(ends_m) => {
                 let dy = receiver.y - source.y;
                 let between = ends_m.map(|y| y - source.y);
-                let field = WedgeField::between(TAU, from, to, Wave::Point(dy), between, spectrum);
-                Self { field, over_m: (from.r_m + to.r_m).hypot(dy) }
+                Self(WedgeField::between(TAU, from, to, Wave::Point(dy), between, spectrum))
             }
-            None => Self { field: WedgeField::new(TAU, from, to, Wave::Line, spectrum), over_m: from.r_m + to.r_m },
+            None => Self(WedgeField::new(TAU, from, to, Wave::Line, spectrum)),
         }
     }
 
-    /// What it sends at wave number `k`, with its phase.
-    fn sent(&self, k: f64) -> Complex64 {
-        let parts = self.field.diffracted(k, |_| 1.0);
-        (parts.incident + parts.faces[0] + parts.faces[1]) * Complex64::from_polar(1.0, k * self.over_m)
+    /// What it sends at wave number `k`, whose place in the table of its spectrum is `between`, with its phase.
+    fn sent(&self, k: f64, between: Option<&Between>) -> Complex64 {
+        let over_way = |(way, length_m): (usize, f64)| {
+            self.0.over_way(way, k, between).into_iter().sum::<Complex64>() * Complex64::from_polar(1.0, k * length_m)
+        };
+        self.0.ways_m().enumerate().map(over_way).sum()
     }
 }
 
 /// The wave over two opposite jambs in turn, with the share of it that the ends of the jambs leave.
 struct Twice {
     run: Run,
-    share: f64,
     /// Distances in m by which it passes their ends (negative: beside them), and the lengths of its way before and behind.
     past: [(f64, f64, f64); 2],
     sin_beta: f64,
@@ -159,7 +157,7 @@ struct Twice {
 
 impl Twice {
     /// Over the jamb at `near` along x, then that at `far`, both between `ends_m` along y.
-    fn new(near: f64, far: f64, share: f64, ends_m: [f64; 2], [source, receiver]: [DVec3; 2]) -> Self {
+    fn new(near: f64, far: f64, ends_m: [f64; 2], [source, receiver]: [DVec3; 2]) -> Self {
         let dy_m = receiver.y - source.y;
         let incident = Incident::Point { x_m: source.x, z_m: source.z.abs(), dy_m };
         let run = Run::new(near, far, &Crossing { incident, x_m: receiver.x, z_m: receiver.z.abs() });
@@ -171,7 +169,7 @@ impl Twice {
             let y = source.y + dy_m * way / across;
             ((y - ends_m[0]).min(ends_m[1] - y), way, across - way)
         });
-        Self { run, share, past, sin_beta: across / across.hypot(dy_m) }
+        Self { run, past, sin_beta: across / across.hypot(dy_m) }
     }
 
     fn sent(&self, k: f64) -> Complex64 {
@@ -180,7 +178,7 @@ impl Twice {
             let zone = (TAU / k * before * behind / (before + behind)).sqrt() / self.sin_beta;
             0.5 * (1.0 + (2.0 * past / zone).tanh())
         };
-        self.run.pressure(k) * (self.share * left(self.past[0]) * left(self.past[1]))
+        self.run.pressure(k) * (left(self.past[0]) * left(self.past[1]))
     }
 }
 
@@ -229,60 +227,33 @@ impl Rim {
         Self { x: x.clone(), y: y.clone(), spectrum: *spectrum, nodes, panels, across_x, across_y }
     }
 
-    /// Intensity at `receiver` of a point source at `source`, on opposite sides of z = 0, relative to the free field at 1 m.
-    pub(super) fn intensity(&self, source: DVec3, receiver: DVec3) -> f64 {
-        let single = self.field(source, receiver).mean(&self.spectrum);
+    /// Intensity of a point source, relative to the free field at 1 m, where the edges send `field`.
+    pub(super) fn intensity(&self, field: &Field) -> f64 {
+        let single = field.mean(&self.spectrum, self.twice_shares());
         let change = |(share, changes): (f64, Vec<(f64, Complex64, Complex64)>)| {
             let mean = |of: &dyn Fn(&(f64, Complex64, Complex64)) -> f64| changes.iter().map(of).sum::<f64>();
             let (exact, single) = (mean(&|c| c.0 * c.1.norm_sqr()), mean(&|c| c.0 * c.2.norm_sqr()));
             if single > 0.0 { share * exact / single + 1.0 - share } else { 1.0 }
         };
-        self.narrow_sides(source, receiver).map(change).product::<f64>() * single
+        self.narrow_sides(field.source, field.receiver).map(change).product::<f64>() * single
     }
 
     /// The same as a pressure at any wave number of the band, and by how much in m its ways differ at most.
-    pub(super) fn pressure(
-        &self,
-        source: DVec3,
-        receiver: DVec3,
-    ) -> (impl Fn(f64) -> Complex64 + Send + Sync + use<>, f64) {
-        let field = self.field(source, receiver);
+    pub(super) fn pressure(&self, field: &Arc<Field>) -> (impl Fn(f64) -> Complex64 + Send + Sync + use<>, f64) {
         let series = |(share, changes): (f64, Vec<(f64, Complex64, Complex64)>)| {
             let values: Vec<Complex64> =
                 changes.iter().map(|(_, exact, single)| share * exact / single + 1.0 - share).collect();
             self.panels.through(&values)
         };
-        let changes: Vec<_> = self.narrow_sides(source, receiver).map(series).collect();
-        let wander_m = field.wander_m();
-        (move |k| changes.iter().map(|change| change(k)).product::<Complex64>() * field.pressure(k), wander_m)
+        let changes: Vec<_> = self.narrow_sides(field.source, field.receiver).map(series).collect();
+        let shares = self.twice_shares();
+        let (wander_m, field) = (field.wander_m(shares), Arc::clone(field));
+        (move |k| changes.iter().map(|change| change(k)).product::<Complex64>() * field.pressure(k, shares), wander_m)
     }
 
-    /// Direct sound and what is diffracted by one edge, or two opposite ones that are no narrow side.
-    fn field(&self, source: DVec3, receiver: DVec3) -> Field {
-        let turned = |p: DVec3| DVec3::new(p.y, p.x, p.z);
-        let (ends, turned) = ([source, receiver], [turned(source), turned(receiver)]);
-        let mut once = Vec::new();
-        for o in self.y.openings() {
-            once.extend(edges(&self.x).map(|(x, side)| Edge::new(x, side, Some(*o), ends, &self.spectrum)));
-        }
-        for o in self.x.openings() {
-            once.extend(edges(&self.y).map(|(y, side)| Edge::new(y, side, Some(*o), turned, &self.spectrum)));
-        }
-        let mut twice = Vec::new();
-        let mut add_twice = |across: &Mask, along: &Mask, exact: Option<&NarrowSide>, ends: [DVec3; 2]| {
-            let share = 1.0 - exact.map_or(0.0, |narrow| narrow.share);
-            if let (Some([low, high]), [ends_m]) = (only(across), along.openings())
-                && share > 0.0
-            {
-                twice.extend([(low, high), (high, low)].map(|(a, b)| Twice::new(a, b, share, *ends_m, ends)));
-            }
-        };
-        add_twice(&self.x, &self.y, self.across_x.as_ref(), ends);
-        add_twice(&self.y, &self.x, self.across_y.as_ref(), turned);
-        let straight_m = (receiver - source).length();
-        let at = source + (receiver - source) * (source.z / (source.z - receiver.z));
-        let direct = passes(at.x, &self.x) * passes(at.y, &self.y) / straight_m;
-        Field { direct, straight_m, once, twice }
+    /// What the sides that are not narrow leave to waves from jamb to opposite jamb, across x and across y.
+    fn twice_shares(&self) -> [f64; 2] {
+        [&self.across_x, &self.across_y].map(|narrow| 1.0 - narrow.as_ref().map_or(0.0, |narrow| narrow.share))
     }
 
     /// What repeated diffraction between the jambs of the narrow sides changes: the share of it, and at the nodes the weight, the
@@ -315,7 +286,8 @@ impl Rim {
         let edges: Vec<Edge> = edges(mask).map(|(x, side)| Edge::new(x, side, None, ends, &self.spectrum)).collect();
         let at = |((k, weight), side): (&(f64, f64), &ExactSide)| {
             let free = free_wave(Wave::Line, straight_m, *k);
-            let sent: Complex64 = edges.iter().map(|edge| edge.sent(*k)).sum();
+            let between = Between::new(&self.spectrum, *k);
+            let sent: Complex64 = edges.iter().map(|edge| edge.sent(*k, between.as_ref())).sum();
             // The exact one starts from i/4 H0.
             let turn = Complex64::from_polar(1.0, -free.arg() - FRAC_PI_2);
             (*weight, side.transfer(crossing) * turn, direct + sent / free)
@@ -356,41 +328,78 @@ pub(super) fn gap_panels(
     })
 }
 
-/// The direct sound and what the edges send.
-struct Field {
+/// The direct sound from one point to another on the other side of z = 0, and what the edges of the openings send, whatever the band.
+pub(super) struct Field {
+    source: DVec3,
+    receiver: DVec3,
+    /// Wave numbers of its tables.
+    spectrum: Spectrum,
     /// Amplitude of the direct sound.
     direct: f64,
     straight_m: f64,
     once: Vec<Edge>,
-    twice: Vec<Twice>,
+    /// Between the jambs across x, and across y.
+    twice: [Vec<Twice>; 2],
 }
 
 impl Field {
-    fn pressure(&self, k: f64) -> Complex64 {
-        let once: Complex64 = self.once.iter().map(|edge| edge.sent(k)).sum();
-        let twice: Complex64 = self.twice.iter().map(|twice| twice.sent(k)).sum();
+    /// For the openings `x` by `y` and all wave numbers of `spectrum`.
+    pub(super) fn new(x: &Mask, y: &Mask, [source, receiver]: [DVec3; 2], spectrum: &Spectrum) -> Self {
+        let turned = |p: DVec3| DVec3::new(p.y, p.x, p.z);
+        let (ends, turned) = ([source, receiver], [turned(source), turned(receiver)]);
+        let mut once = Vec::new();
+        for o in y.openings() {
+            once.extend(edges(x).map(|(x, side)| Edge::new(x, side, Some(*o), ends, spectrum)));
+        }
+        for o in x.openings() {
+            once.extend(edges(y).map(|(y, side)| Edge::new(y, side, Some(*o), turned, spectrum)));
+        }
+        let twice = |across: &Mask, along: &Mask, ends: [DVec3; 2]| match (only(across), along.openings()) {
+            (Some([low, high]), [ends_m]) => {
+                [(low, high), (high, low)].map(|(near, far)| Twice::new(near, far, *ends_m, ends)).into()
+            }
+            _ => Vec::new(),
+        };
+        let twice = [twice(x, y, ends), twice(y, x, turned)];
+        let straight_m = (receiver - source).length();
+        let at = source + (receiver - source) * (source.z / (source.z - receiver.z));
+        let direct = passes(at.x, x) * passes(at.y, y) / straight_m;
+        Self { source, receiver, spectrum: *spectrum, direct, straight_m, once, twice }
+    }
+
+    /// Of waves from jamb to jamb it takes the `shares`, across x and across y.
+    fn pressure(&self, k: f64, shares: [f64; 2]) -> Complex64 {
+        let between = Between::new(&self.spectrum, k);
+        let once: Complex64 = self.once.iter().map(|edge| edge.sent(k, between.as_ref())).sum();
+        let twice: Complex64 = self.twice_of(shares).map(|(share, twice)| share * twice.sent(k)).sum();
         Complex64::from_polar(self.direct, k * self.straight_m) + once + twice
     }
 
+    fn twice_of(&self, shares: [f64; 2]) -> impl Iterator<Item = (f64, &Twice)> {
+        let heard = self.twice.iter().zip(shares).filter(|(_, share)| *share > 0.0);
+        heard.flat_map(|(twice, share)| twice.iter().map(move |twice| (share, twice)))
+    }
+
     /// By how much in m its ways differ at most.
-    fn wander_m(&self) -> f64 {
-        let ways = self.once.iter().flat_map(|e| e.field.ways_m()).chain(self.twice.iter().map(|t| t.run.length_m));
+    fn wander_m(&self, shares: [f64; 2]) -> f64 {
+        let twice = self.twice_of(shares).map(|(_, twice)| twice.run.length_m);
+        let ways = self.once.iter().flat_map(|edge| edge.0.ways_m()).chain(twice);
         let direct = (self.direct > 0.0).then_some(self.straight_m);
         let (first, last) =
             ways.chain(direct).fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), way| (a.min(way), b.max(way)));
         (last - first).max(0.0)
     }
 
-    /// Mean of |p|^2 over the band: it varies like cos(k d), d the differences of the ways.
-    fn mean(&self, spectrum: &Spectrum) -> f64 {
-        let (low, high) = (spectrum.low_k(), spectrum.high_k());
-        let phase = (high - low) * self.wander_m();
+    /// Mean of |p|^2 over a band: it varies like cos(k d), d the differences of the ways.
+    fn mean(&self, band: &Spectrum, shares: [f64; 2]) -> f64 {
+        let (low, high) = (band.low_k(), band.high_k());
+        let phase = (high - low) * self.wander_m(shares);
         let count = if high > low {
             1 + least_nodes(low, high) + ((0.35 * phase).ceil() as usize).min(MOST_FREQUENCIES)
         } else {
             1
         };
-        gauss_nodes(low, high, count).map(|(k, weight)| weight * self.pressure(k).norm_sqr()).sum()
+        gauss_nodes(low, high, count).map(|(k, weight)| weight * self.pressure(k, shares).norm_sqr()).sum()
     }
 }
 

@@ -16,9 +16,12 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
+use glam::DVec3;
 use num_complex::Complex64;
 
 use super::crossing::{Crossing, Incident};
+use super::mask::Mask;
+use super::rim::unfolded;
 use super::utd::{Diffracted, Spread, Straight, THIN, distance_parameter, seen, transition};
 
 /// The rays from one source through the openings of a screen to one receiver, ready for any wave number.
@@ -308,6 +311,37 @@ fn straight(crossing: &Crossing, shown: f64) -> Straight {
         }
     };
     Straight { length_m, amplitude: shown * crossing.free_intensity().sqrt() }
+}
+
+/// Rectangular openings by the coherent second opinion: the product of the transfers of their two directions, each with the
+/// distances that the shortest way has when it is unfolded.
+pub struct DoorRays {
+    sides: [(OpeningRays, f64); 2],
+    straight_m: f64,
+}
+
+impl DoorRays {
+    /// From `from` to `to` (in m, in the frame of the openings `x` by `y`). `None`: no straight way leads through the plane.
+    pub fn new(x: &Mask, y: &Mask, from: DVec3, to: DVec3) -> Option<Self> {
+        let [across_x, across_y] = unfolded(x, y, from, to)?;
+        let side = |mask: &Mask, crossing: &Crossing| {
+            (OpeningRays::new(mask.openings(), crossing), 1.0 / crossing.free_intensity())
+        };
+        Some(Self { sides: [side(x, &across_x), side(y, &across_y)], straight_m: (to - from).length() })
+    }
+
+    /// Pressure relative to the free field at 1 m, with phase.
+    pub fn pressure(&self, k: f64) -> Complex64 {
+        let without =
+            |(rays, length_m): &(OpeningRays, f64)| rays.pressure(k) * Complex64::from_polar(1.0, -k * length_m);
+        let [x, y] = &self.sides;
+        without(x) * without(y) * Complex64::from_polar(1.0, k * self.straight_m)
+    }
+
+    /// By how much in m its ways differ at most, along both sides together.
+    pub fn detour_m(&self) -> f64 {
+        self.sides.iter().map(|(rays, _)| rays.detour_m()).sum()
+    }
 }
 
 #[cfg(test)]
