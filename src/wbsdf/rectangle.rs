@@ -17,9 +17,9 @@ use super::depths::Depths;
 use super::hatch::{Driven, View, unknowns};
 use super::mask::{Jambs, Mask};
 use super::product::paraxial_intensity;
-use super::rim::{NARROW_SIDE_KA, Rim, deep_share_of_edges, facing, only, shortest_over, span};
+use super::rim::{NARROW_SIDE_KA, Rim, facing, narrowest_m, only, shortest_over, span};
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
-use super::thick::{depths, shared};
+use super::thick::{deep_share, depths, shared};
 use super::timed::{Cost, Timed};
 
 /// k times width of both sides up to which traced rays meet a small hole.
@@ -101,6 +101,8 @@ pub struct Rectangle {
 struct Corner {
     sides: [f64; 2],
     depth: f64,
+    /// Share of the depth.
+    deep: f64,
     spectrum: Spectrum,
     exact: Depths,
     rim: Rim,
@@ -111,15 +113,15 @@ struct Corner {
 pub struct Corners(Mutex<Vec<Arc<Corner>>>);
 
 impl Corners {
-    fn of(&self, sides: [f64; 2], thickness: f64, spectrum: &Spectrum) -> Arc<Corner> {
-        // As deep as its edges take it.
-        let deep = deep_share_of_edges(sides[0].min(sides[1]), thickness, 1.0);
+    /// `deep`: the share of the depth.
+    fn of(&self, sides: [f64; 2], (deep, thickness): (f64, f64), spectrum: &Spectrum) -> Arc<Corner> {
         let depth = if deep > 0.0 { thickness } else { 0.0 };
         let same = |a: f64, b: f64| (a - b).abs() <= 1e-6 * b;
         let is_this = |c: &&Arc<Corner>| {
             same(c.sides[0], sides[0])
                 && same(c.sides[1], sides[1])
                 && same(c.depth, depth)
+                && same(c.deep, deep)
                 && same(c.spectrum.low_k(), spectrum.low_k())
                 && same(c.spectrum.high_k(), spectrum.high_k())
         };
@@ -130,8 +132,8 @@ impl Corners {
         let limits = sides.map(|side| [-0.5 * side, 0.5 * side]);
         let exact = Depths::new(limits[0], limits[1], &shared(deep, thickness), spectrum);
         let [x, y] = limits.map(|limits| Mask::new(&[limits]));
-        let rim = Rim::new(&x, &y, depth, spectrum);
-        let new = Arc::new(Corner { sides, depth, spectrum: *spectrum, exact, rim });
+        let rim = Rim::new(&x, &y, (deep, depth), spectrum);
+        let new = Arc::new(Corner { sides, depth, deep, spectrum: *spectrum, exact, rim });
         all.push(Arc::clone(&new));
         new
     }
@@ -218,8 +220,8 @@ impl Rectangle {
         }
         if !self.parts.is_empty() {
             let sum = |f: &dyn Fn(&Self) -> f64| self.parts.iter().map(f).sum::<f64>();
-            let apart = sum(&|part| part.rim(source, receiver));
-            let together = self.rim(source, receiver);
+            let apart = sum(&|part| part.edges().intensity_of_edges(source, receiver));
+            let together = self.edges().intensity_of_edges(source, receiver);
             return if apart > 0.0 { together * sum(&|part| part.intensity(source, receiver)) / apart } else { 0.0 };
         }
         let share = self.exact_share(source, receiver);
@@ -227,7 +229,7 @@ impl Rectangle {
         if share == 1.0 {
             return exact;
         }
-        let edges = self.rim(source, receiver) * self.corner(source, receiver);
+        let edges = self.edges().intensity(source, receiver) * self.corner(source, receiver);
         share * exact + (1.0 - share) * edges
     }
 
@@ -276,7 +278,7 @@ impl Rectangle {
             let small = solvable(sides, k, CORNER_UNKNOWNS);
             let Spectrum { low_hz, high_hz, speed_m_s } = self.spectrum;
             let spectrum = Spectrum { low_hz, high_hz, speed_m_s: k * speed_m_s };
-            self.corners.of(small.map(|side| k * side), k * self.thickness_m, &spectrum)
+            self.corners.of(small.map(|side| k * side), (self.deep(), k * self.thickness_m), &spectrum)
         });
         let half = small.sides.map(|side| 0.5 * side / k);
         let inward = |at: f64, limits: [f64; 2], half: f64| if at == limits[0] { at + half } else { at - half };
@@ -310,11 +312,12 @@ impl Rectangle {
     }
 
     fn edges(&self) -> &Rim {
-        self.rim.get_or_make(|| Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum))
+        self.rim.get_or_make(|| Rim::new(&self.x, &self.y, (self.deep(), self.thickness_m), &self.spectrum))
     }
 
-    fn rim(&self, source: DVec3, receiver: DVec3) -> f64 {
-        self.edges().intensity(source, receiver)
+    /// Share of the wall's depth in the intensity.
+    fn deep(&self) -> f64 {
+        deep_share(narrowest_m(&self.x).min(narrowest_m(&self.y)), self.thickness_m)
     }
 
     fn drive(&self, exact: &Depths, source: DVec3) -> Arc<Vec<Driven>> {
