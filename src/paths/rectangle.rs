@@ -23,6 +23,7 @@ use crate::wbsdf::mask::{Jambs, Mask};
 use crate::wbsdf::rectangle::{Corners, Passed, Rectangle};
 use crate::wbsdf::rim::{shortest_over, span, unfolded};
 use crate::wbsdf::slit::gauss_nodes;
+use crate::wbsdf::thick::is_thick;
 use crate::wbsdf::timed::{Cost, Timed};
 use crate::wbsdf::utd;
 use crate::wbsdf::utd_opening::OpeningRays;
@@ -85,11 +86,12 @@ struct Way<'a> {
 }
 
 impl Way<'_> {
-    /// Intensity but for a common factor: the free field, behind a jamb by Maekawa's (1968) rule for screens.
-    fn rough(&self, band: usize, spectrum: &Spectrum) -> f64 {
+    /// Intensity but for a common factor: the free field, behind a jamb by Maekawa's (1968) rule for screens. In the shadow of a
+    /// `thick` wall its reveals may be heard: no rule there.
+    fn rough(&self, thick: bool, band: usize, spectrum: &Spectrum) -> f64 {
         let straight_m = (self.to.position - self.from.position).length();
         let detour_m = self.length_m - straight_m;
-        let screened = match detour_m > 1e-9 * straight_m {
+        let screened = match detour_m > 1e-9 * straight_m && !thick {
             true => 1.0 / (3.0 + 40.0 * detour_m / spectrum.mean_wavelength_m()),
             false => 1.0,
         };
@@ -252,7 +254,8 @@ impl Rectangles {
             return vec![vec![0.0; spectra.len()]; ways.len()];
         }
         let in_band = |(band, spectrum): (usize, &Spectrum)| {
-            let rough: Vec<f64> = ways.iter().map(|way| way.rough(band, spectrum)).collect();
+            let thick = is_thick(self.narrowest_m(), self.depth_m);
+            let rough: Vec<f64> = ways.iter().map(|way| way.rough(thick, band, spectrum)).collect();
             let mut order: Vec<usize> = (0..ways.len()).collect();
             order.sort_by(|a, b| rough[*b].total_cmp(&rough[*a]));
             let mut left: f64 = rough.iter().sum();

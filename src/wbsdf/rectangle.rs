@@ -5,6 +5,8 @@
 //! shortest, it alone is heard and a corner has no length of its own: what the edges miss is what they miss of a smaller opening with
 //! the same corner, small enough to be solved exactly. There the edges' intensity is multiplied by the ratio of the exact solution to
 //! the edges of that smaller opening.
+//!
+//! Through a thick wall the corner's opening is as deep as the wall, and what depth changes across either side stands in reveals.rs.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -34,6 +36,9 @@ pub(super) const NARROW_KA: f64 = 5.0;
 const TABLE_UNKNOWNS: f64 = 120.0;
 /// Unknowns of the smaller opening that stands for a corner: k times the side 17.
 const CORNER_UNKNOWNS: f64 = 210.0;
+/// Wave numbers of one that is deep, which is solved for every band: more change levels by less than the form is wrong, and a number
+/// that changes with width or depth makes steps.
+const DEEP_CORNER_WAVE_NUMBERS: usize = 24;
 /// Distances of the farther of source and receiver from the opening, in longer sides, between which the exact rectangle
 /// takes over from the edges: its functions do not resolve the field between two points that are nearer.
 const EXACT_FROM: [f64; 2] = [0.08, 0.16];
@@ -130,7 +135,9 @@ impl Corners {
             return Arc::clone(known);
         }
         let limits = sides.map(|side| [-0.5 * side, 0.5 * side]);
-        let exact = Depths::new(limits[0], limits[1], &shared(deep, thickness), spectrum);
+        let tone = spectrum.high_k() <= spectrum.low_k();
+        let count = (deep > 0.0).then_some(if tone { 1 } else { DEEP_CORNER_WAVE_NUMBERS });
+        let exact = Depths::new(limits[0], limits[1], &shared(deep, thickness), spectrum, count);
         let [x, y] = limits.map(|limits| Mask::new(&[limits]));
         let rim = Rim::new(&x, &y, (deep, depth), spectrum);
         let new = Arc::new(Corner { sides, depth, deep, spectrum: *spectrum, exact, rim });
@@ -179,7 +186,7 @@ impl Rectangle {
             let (width, height) = (x_m[1] - x_m[0], y_m[1] - y_m[0]);
             let few = matches!(Sides::of(width, height, spectrum), Sides::Exact | Sides::SmallHole);
             (few && jambs == Jambs::Rigid)
-                .then(|| Depths::new(x_m, y_m, &depths(width.min(height), thickness_m), spectrum))
+                .then(|| Depths::new(x_m, y_m, &depths(width.min(height), thickness_m), spectrum, None))
         });
         let several = x.openings().len() > 1;
         let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, thickness_m, spectrum, jambs);

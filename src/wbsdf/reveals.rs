@@ -2,31 +2,32 @@
 //!
 //! The faces inside an opening, its reveals, reflect: oblique sound is heard off them where the edges of a thin wall leave a shadow
 //! (up to 30 dB louder), and it is missing where it goes straight through a thin one. Across each side that is the ratio of the
-//! intensities which a slit of that width passes with its depth, exact at any width (thick.rs), and without (two_edges.rs); both sides
+//! intensities which a slit of that width passes with its depth (thick.rs) and without (aperture.rs), both exact; both sides
 //! between source and receiver at the distances that the shortest way has when it is unfolded.
 //!
 //! Of wide sides only the part about the shortest way is solved, and waves from jamb to jamb are met at few wave numbers.
 
+use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::mask::Mask;
-use super::slit::{gauss_nodes, resonances};
+use super::slit::gauss_nodes;
 use super::thick::ThickAperture;
-use super::two_edges::TwoEdges;
 
 /// k times the width of the part of a side that is solved, and its width in depths: the greater one counts. Found by trial: half of
 /// either adds a tenth of a decibel to the error.
 const PART_KA: f64 = 100.0;
 const PART_DEPTHS: f64 = 4.0;
-/// Wave numbers of a band: least and most. More change levels by less than the form itself is wrong.
-const WAVE_NUMBERS: [usize; 2] = [4, 16];
+/// Wave numbers of a narrow band, and how many more of an octave: more change levels by less than the form itself is wrong. The same for
+/// all widths, so that none makes a step.
+const WAVE_NUMBERS: f64 = 4.0;
+const WAVE_NUMBERS_OCTAVE: f64 = 16.0;
 
 /// One side of an opening through a wall, solved in one band.
 pub(super) struct Reveals {
     limits_m: [f64; 2],
     half_m: f64,
-    /// The part as a slit about 0, with weights.
-    solved: Vec<(f64, ThickAperture)>,
-    spectrum: Spectrum,
+    /// The part as a slit about 0, deep and thin, with weights.
+    solved: Vec<(f64, ThickAperture, Aperture)>,
 }
 
 impl Reveals {
@@ -36,12 +37,12 @@ impl Reveals {
         let part_m = (2.0 * PART_KA / (low + high)).max(PART_DEPTHS * thickness_m);
         let width_m = part_m.min(limits_m[1] - limits_m[0]);
         let slit = [[-0.5 * width_m, 0.5 * width_m]];
-        let [least, most] = WAVE_NUMBERS;
-        let asked = 0.5 * (high - low) * (width_m + thickness_m) + resonances(&slit, thickness_m, low, high);
-        let count = if high > low { (least + asked.ceil() as usize).min(most) } else { 1 };
-        let solved = |(k, weight): (f64, f64)| (weight, ThickAperture::new(&slit, thickness_m, k));
+        let count =
+            if high > low { (WAVE_NUMBERS + WAVE_NUMBERS_OCTAVE * (high / low).log2()).round() as usize } else { 1 };
+        let solved =
+            |(k, weight): (f64, f64)| (weight, ThickAperture::new(&slit, thickness_m, k), Aperture::new(&slit, k));
         let solved = gauss_nodes(low, high, count).map(solved).collect();
-        Self { limits_m, half_m: 0.5 * width_m, solved, spectrum: *spectrum }
+        Self { limits_m, half_m: 0.5 * width_m, solved }
     }
 
     /// What the depth multiplies the intensity of `crossing` by, across this side, whose shortest way leads over `over_m`.
@@ -55,13 +56,11 @@ impl Reveals {
         };
         let incident = Incident::Line { x_m: x_m - middle, z_m };
         let crossing = Crossing { incident, x_m: crossing.x_m - middle, z_m: crossing.z_m };
-        let edges = TwoEdges::new([-self.half_m, self.half_m], &crossing, &self.spectrum);
-        let (mut deep, mut thin) = (0.0, 0.0);
-        for (weight, solved) in &self.solved {
-            let (pressure, free) = edges.pressure(solved.wave_number());
-            thin += weight * pressure.norm_sqr() / free.norm_sqr();
-            deep += weight * solved.transfer(&crossing).norm_sqr();
-        }
+        let sum = |(deep, thin): (f64, f64), (weight, with_depth, without): &(f64, ThickAperture, Aperture)| {
+            let [of_deep, of_thin] = [with_depth.transfer(&crossing), without.transfer(&crossing)];
+            (deep + weight * of_deep.norm_sqr(), thin + weight * of_thin.norm_sqr())
+        };
+        let (deep, thin) = self.solved.iter().fold((0.0, 0.0), sum);
         if thin > 0.0 { deep / thin } else { 1.0 }
     }
 }

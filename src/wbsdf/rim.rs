@@ -4,8 +4,8 @@
 //! whatever the angle between ray and edge; so are strips with one end and openings side by side. What is diffracted by two
 //! opposite jambs in turn are the waves of two_edges.rs over both of them, which fade where that way passes beside their
 //! ends; where a side is narrow, the transfer of the slit of that width by the exact aperture over the sum of its two edges alone, both
-//! between source and receiver at the distances that the shortest way has when it is unfolded. The corners themselves stay
-//! out: see rectangle.rs.
+//! between source and receiver at the distances that the shortest way has when it is unfolded. What depth changes across wide sides
+//! stands in reveals.rs. The corners themselves stay out: see rectangle.rs.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -16,8 +16,8 @@ use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::edge::AboutEdge;
 use super::mask::Mask;
-use super::series::Panels;
 use super::reveals::{Reveals, of_rectangle};
+use super::series::Panels;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant, standing};
 use super::thick::{ThickAperture, blended};
 use super::two_edges::Run;
@@ -55,7 +55,7 @@ struct NarrowSide {
     solved: Vec<ExactSide>,
 }
 
-/// A narrow side at one wave number: the share of the gap with its depth, and without.
+/// A narrow side at one wave number: the share of the gap with its depth and the gap, and the thin one.
 struct ExactSide {
     deep: Option<(f64, ThickAperture)>,
     thin: Aperture,
@@ -271,9 +271,8 @@ impl Rim {
                 scale *= deeper;
                 continue;
             };
-            let value = |(_, exact, single): &(f64, Complex64, Complex64)| {
-                share * exact / single + deeper - share * deeper
-            };
+            let value =
+                |(_, exact, single): &(f64, Complex64, Complex64)| share * exact / single + deeper - share * deeper;
             changes.push(self.panels.through(&narrow.iter().map(value).collect::<Vec<_>>()));
         }
         let wander_m = field.wander_m();

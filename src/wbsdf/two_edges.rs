@@ -55,70 +55,42 @@ pub(super) fn edge_field(edge_m: f64, side: f64, crossing: &Crossing, spectrum: 
 ///
 /// Within 0.3 dB for k a > 30 up to 87 degrees off the normal on both sides.
 pub(super) fn two_edges(opening: [f64; 2], crossing: &Crossing, spectrum: &Spectrum) -> RaySum {
-    let edges = TwoEdges::new(opening, crossing, spectrum);
-    let (low, high) = (edges.across.low_k(), edges.across.high_k());
+    let edges = [(opening[0], -1.0), (opening[1], 1.0)].map(|(edge_m, side)| {
+        let (field, across) = edge_field(edge_m, side, crossing, spectrum);
+        (field, across, in_space_m(crossing, crossing.length_m(edge_m)))
+    });
+    let runs = [Run::new(opening[0], opening[1], crossing), Run::new(opening[1], opening[0], crossing)];
+    let straight = match crossing.incident {
+        Incident::Plane { s_x, s_y } => {
+            let sin_i = s_x / (1.0 - s_y * s_y).sqrt();
+            crossing.x_m * sin_i + crossing.z_m * (1.0 - sin_i * sin_i).max(0.0).sqrt()
+        }
+        Incident::Line { .. } => 1.0 / crossing.free_intensity(),
+        Incident::Point { .. } => 1.0 / crossing.free_intensity().sqrt(),
+    };
+    let across = edges[0].1;
+    let (low, high) = (across.low_k(), across.high_k());
+    let detour = edges.iter().map(|e| e.2 - straight).fold(0.0_f64, |a, d| a.max(d.abs()));
+    let apart = detour.max((edges[0].2 - edges[1].2).abs());
     // |p|^2 has the phase dk * apart over the band: Gauss nodes integrate it from a quarter of that on.
-    let count = if high > low { 6 + (0.35 * (high - low) * edges.apart_m()).ceil() as usize } else { 1 };
+    let count = if high > low { 6 + (0.35 * (high - low) * apart).ceil() as usize } else { 1 };
     let mean: f64 = gauss_nodes(low, high, count.min(MOST_FREQUENCIES))
         .map(|(k, weight)| {
-            let (pressure, free) = edges.pressure(k);
-            weight * pressure.norm_sqr() / free.norm_sqr()
+            let free = match crossing.incident {
+                Incident::Plane { .. } => Complex64::from_polar(1.0, k * straight),
+                Incident::Point { .. } => Complex64::from_polar(1.0 / straight, k * straight),
+                Incident::Line { .. } => hankel0(k * straight) * (0.5 * PI * k).sqrt(),
+            };
+            let once = edges.iter().map(|(field, _, over)| {
+                let parts = field.parts(k);
+                (parts.incident + parts.reflected) * Complex64::from_polar(1.0, k * over)
+            });
+            let twice: Complex64 = runs.iter().map(|run| run.pressure(k)).sum();
+            weight * (once.sum::<Complex64>() - free + twice).norm_sqr() / free.norm_sqr()
         })
         .sum();
     let value = mean * crossing.free_intensity();
     RaySum { value, error: 1e-5 * value, absolute: value, rays: 2 * count }
-}
-
-/// The coherent sum of both jambs of one opening between a source and a receiver.
-pub(super) struct TwoEdges {
-    /// The field about either jamb and the length in m of the way over it.
-    edges: [(WedgeField, f64); 2],
-    runs: [Run; 2],
-    straight_m: f64,
-    kind: Wave,
-    /// The spectrum as it is across the edges.
-    across: Spectrum,
-}
-
-impl TwoEdges {
-    pub(super) fn new(opening: [f64; 2], crossing: &Crossing, spectrum: &Spectrum) -> Self {
-        let about = |edge_m: f64, side: f64| {
-            let (field, across) = edge_field(edge_m, side, crossing, spectrum);
-            ((field, in_space_m(crossing, crossing.length_m(edge_m))), across)
-        };
-        let ((low, across), (high, _)) = (about(opening[0], -1.0), about(opening[1], 1.0));
-        let runs = [Run::new(opening[0], opening[1], crossing), Run::new(opening[1], opening[0], crossing)];
-        let (straight_m, kind) = match crossing.incident {
-            Incident::Plane { s_x, s_y } => {
-                let sin_i = s_x / (1.0 - s_y * s_y).sqrt();
-                (crossing.x_m * sin_i + crossing.z_m * (1.0 - sin_i * sin_i).max(0.0).sqrt(), Wave::Plane)
-            }
-            Incident::Line { .. } => (1.0 / crossing.free_intensity(), Wave::Line),
-            Incident::Point { dy_m, .. } => (1.0 / crossing.free_intensity().sqrt(), Wave::Point(dy_m)),
-        };
-        Self { edges: [low, high], runs, straight_m, kind, across }
-    }
-
-    /// By how much in m its ways differ at most.
-    fn apart_m(&self) -> f64 {
-        let detour = self.edges.iter().map(|e| e.1 - self.straight_m).fold(0.0_f64, |a, d| a.max(d.abs()));
-        detour.max((self.edges[0].1 - self.edges[1].1).abs())
-    }
-
-    /// What passes at wave number `k` across the edges, and the free field without the screen.
-    pub(super) fn pressure(&self, k: f64) -> (Complex64, Complex64) {
-        let free = match self.kind {
-            Wave::Plane => Complex64::from_polar(1.0, k * self.straight_m),
-            Wave::Point(_) => Complex64::from_polar(1.0 / self.straight_m, k * self.straight_m),
-            Wave::Line => hankel0(k * self.straight_m) * (0.5 * PI * k).sqrt(),
-        };
-        let once = self.edges.iter().map(|(field, over_m)| {
-            let parts = field.parts(k);
-            (parts.incident + parts.reflected) * Complex64::from_polar(1.0, k * over_m)
-        });
-        let twice: Complex64 = self.runs.iter().map(|run| run.pressure(k)).sum();
-        (once.sum::<Complex64>() - free + twice, free)
-    }
 }
 
 /// Length in m of a way that is `across_m` long across the edges: in space for a point source.
