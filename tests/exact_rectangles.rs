@@ -455,7 +455,7 @@ fn reveals_of_wide_openings_reflect_as_the_exact_rectangle_says() {
         }
     }
     single.assert_within("one plane", [0.2, 1.0, 2.5]);
-    both.assert_within("both planes", [0.8, 3.0, 6.0]);
+    both.assert_within("both planes", [0.7, 2.7, 5.0]);
     // The depth is what counts there: edges of a thin wall are ten times as far off.
     assert!(thin.quantile(0.5) > 0.8 && thin.quantile(0.9) > 8.0, "{} {}", thin.quantile(0.5), thin.quantile(0.9));
 }
@@ -480,7 +480,7 @@ fn tall_openings_in_thick_walls_tend_to_the_deep_slit() {
             }
         }
     }
-    errors.assert_within("deep slits", [0.3, 1.5, 3.5]);
+    errors.assert_within("tall openings", [0.25, 1.0, 3.2]);
 }
 
 #[test]
