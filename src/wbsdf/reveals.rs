@@ -14,7 +14,7 @@ use super::slit::gauss_nodes;
 use super::thick::ThickAperture;
 
 /// k times the width of the part of a side that is solved, and its width in depths: the greater one counts. Found by trial: half of
-/// either adds a tenth of a decibel to the error.
+/// the first adds 0.02 dB to the median error and 0.2 dB to the 90th percentile; the second keeps sound that crosses the gap in it.
 const PART_KA: f64 = 100.0;
 const PART_DEPTHS: f64 = 4.0;
 /// Wave numbers of a narrow band, and how many more of an octave: more change levels by less than the form itself is wrong. The same for
