@@ -281,9 +281,9 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
                     let sides =
                         Sides::of(opening.open_x_m[1] - opening.open_x_m[0], opening.y_m[1] - opening.y_m[0], spectrum);
                     match sides {
-                        Sides::WideBoth => PortalModel::Opening,
                         _ if scene.simulation.transport == Transport::Paraxial => PortalModel::Opening,
                         _ if deep => PortalModel::DeepGap,
+                        Sides::WideBoth => PortalModel::Opening,
                         _ => PortalModel::NarrowOpening,
                     }
                 }
@@ -313,7 +313,10 @@ fn portal_plans(scene: &Scene) -> Vec<PortalPlan> {
             } else if deep && opening.is_slit() {
                 format!("mode matching in a gap {depth_m} m deep, resonances included")
             } else if deep {
-                format!("signed rays where it is wide; where it is narrow, a gap {depth_m} m deep with its resonances")
+                format!(
+                    "edges and reveals {depth_m} m deep where it is wide (traced rays: as thin); where it is narrow, a gap of that depth \
+                     with its resonances"
+                )
             } else {
                 "signed rays where it is wide, the exact aperture where it is narrow".to_owned()
             };

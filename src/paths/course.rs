@@ -7,7 +7,7 @@
 use super::{Prepared, edge_reach};
 use crate::geometry::{Geometry, Portal};
 use crate::probe::{EarlyPath, Reception, TableCost};
-use crate::scene::{Scene, Spacing, Transport};
+use crate::scene::{Host, Scene, Spacing, Transport};
 use crate::wbsdf::crossing::Spectrum;
 use crate::wbsdf::slit::resonances;
 
@@ -16,6 +16,9 @@ const PARTS: usize = 6;
 /// Radians of phase, or nodes for resonances, over a part of a band up to which its centre tells it: the mean of the paths, each
 /// as strong as it is, is then 0.1 dB off their means over the parts.
 const EVEN: f64 = 3.0;
+/// Width of an opening in depths of its wall from which the course is that of a thin wall: its first resonance, half a wavelength deep,
+/// has k times width 9, and hardly any of it comes back from the mouths.
+const SHALLOW: f64 = 3.0;
 
 /// Adds the courses within the bands to the paths of `receptions` (of all sources and probes of the scene, sources slowest) with at
 /// most `reflection_order` reflections. Where nothing bends sound there are none, nor for tones.
@@ -43,6 +46,12 @@ pub fn add_courses(
             (band.low_hz, band.high_hz) = (band.nominal_hz, band.nominal_hz);
         }
     }
+    for (host, wall) in fine.walls.iter_mut().enumerate() {
+        let mut openings = geometry.portals.iter().filter(|p| scene.openings[p.opening].host == Host::Wall(host));
+        if openings.all(|p| narrower_m(p) > SHALLOW * scene.gap_depth_m(&scene.openings[p.opening])) {
+            wall.thickness_m = 0.0;
+        }
+    }
     fine.simulation.interference = false;
     if scene.simulation.transport == Transport::Exact {
         // As good, and it takes no minutes.
@@ -65,12 +74,16 @@ pub fn add_courses(
 /// Whether what an opening passes changes so little over a band that its centre tells it: the phases between its edges across, or
 /// from it to others in its wall, and its resonances.
 fn is_even(scene: &Scene, geometry: &Geometry, portal: &Portal, spectrum: &Spectrum) -> bool {
-    let narrower_m = (portal.x_m[1] - portal.x_m[0]).min(portal.y_m[1] - portal.y_m[0]);
     let others = geometry.portals.iter().filter(|other| other.group == portal.group);
-    let reach_m = others.map(|other| apart_m(other, portal)).fold(narrower_m, f64::max);
+    let reach_m = others.map(|other| apart_m(other, portal)).fold(narrower_m(portal), f64::max);
     let depth_m = scene.gap_depth_m(&scene.openings[portal.opening]);
     let (low, high) = (spectrum.low_k(), spectrum.high_k());
-    (high - low) * reach_m <= EVEN && resonances(&[[0.0, narrower_m]], depth_m, low, high) <= EVEN
+    (high - low) * reach_m <= EVEN && resonances(&[[0.0, narrower_m(portal)]], depth_m, low, high) <= EVEN
+}
+
+/// Length in m of the narrower side.
+fn narrower_m(portal: &Portal) -> f64 {
+    (portal.x_m[1] - portal.x_m[0]).min(portal.y_m[1] - portal.y_m[0])
 }
 
 /// Distance in m between two openings of one wall.

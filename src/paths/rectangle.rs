@@ -22,6 +22,7 @@ use crate::wbsdf::mask::{Jambs, Mask};
 use crate::wbsdf::rectangle::{Corners, Ends, Passed, Rectangle};
 use crate::wbsdf::rim::{shortest_over, span};
 use crate::wbsdf::slit::gauss_nodes;
+use crate::wbsdf::thick::is_thick;
 use crate::wbsdf::timed::{Cost, Timed};
 use crate::wbsdf::utd;
 use crate::wbsdf::utd_opening::DoorRays;
@@ -84,12 +85,22 @@ struct Way<'a> {
 }
 
 impl Way<'_> {
-    /// Intensity but for a common factor: the free field, behind a jamb by Maekawa's (1968) rule for screens.
-    fn rough(&self, band: usize, spectrum: &Spectrum) -> f64 {
+    /// Intensity but for a common factor: the free field, behind a jamb by Maekawa's (1968) rule for screens, or what a strip
+    /// `reveal_m` wide reflects.
+    fn rough(&self, reveal_m: f64, band: usize, spectrum: &Spectrum) -> f64 {
         let straight_m = (self.to.position - self.from.position).length();
         let detour_m = self.length_m - straight_m;
+        let wavelength_m = spectrum.mean_wavelength_m();
         let screened = match detour_m > 1e-9 * straight_m {
-            true => 1.0 / (3.0 + 40.0 * detour_m / spectrum.mean_wavelength_m()),
+            true => {
+                let ways = [self.over - self.from.position, self.to.position - self.over];
+                let [r1, r2] = ways.map(DVec3::length);
+                let cosines = ways.map(|way| way.z.abs() / way.length());
+                let [width_1, width_2] = cosines.map(|c| reveal_m * (1.0 - c * c).max(0.0).sqrt());
+                let turn = std::f64::consts::PI * reveal_m / wavelength_m * (cosines[0] - cosines[1]);
+                let reflected = width_1 * width_2 * (r1 + r2) / (wavelength_m * r1 * r2 * (1.0 + turn * turn));
+                (1.0 / (3.0 + 40.0 * detour_m / wavelength_m)).max(reflected.min(1.0))
+            }
             false => 1.0,
         };
         let alone = match self.mirrored {
@@ -250,7 +261,8 @@ impl Rectangles {
             // As pressures later.
             return vec![vec![0.0; spectra.len()]; ways.len()];
         }
-        let rough = |(band, spectrum)| ways.iter().map(|way| way.rough(band, spectrum)).collect();
+        let reveal_m = if is_thick(self.narrowest_m(), self.depth_m) { self.depth_m } else { 0.0 };
+        let rough = |(band, spectrum)| ways.iter().map(|way| way.rough(reveal_m, band, spectrum)).collect();
         let rough: Vec<Vec<f64>> = spectra.iter().enumerate().map(rough).collect();
         let strong = |(rough, spectrum): (&Vec<f64>, &Spectrum)| {
             let all_exact = ways.len() <= FEW_WAYS || self.narrowest_m() * spectrum.high_k() < SCREENS_KA;

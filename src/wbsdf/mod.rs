@@ -18,6 +18,7 @@ mod product;
 pub mod quadrature;
 pub mod rectangle;
 pub mod referee;
+mod reveals;
 pub mod rim;
 pub mod scatter;
 pub mod series;

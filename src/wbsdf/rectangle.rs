@@ -5,6 +5,8 @@
 //! shortest, it alone is heard and a corner has no length of its own: what the edges miss is what they miss of a smaller opening with
 //! the same corner, small enough to be solved exactly. There the edges' intensity is multiplied by the ratio of the exact solution to
 //! the edges of that smaller opening.
+//!
+//! Through a thick wall the corner's opening is as deep as the wall, and what depth changes across either side stands in reveals.rs.
 
 use std::cell::OnceCell;
 use std::collections::HashMap;
@@ -18,9 +20,9 @@ use super::depths::Depths;
 use super::hatch::{Driven, View, unknowns};
 use super::mask::{Jambs, Mask};
 use super::product::paraxial_intensity;
-use super::rim::{Field, NARROW_SIDE_KA, Rim, deep_share_of_edges, facing, only, shortest_over, span};
+use super::rim::{Field, NARROW_SIDE_KA, Rim, facing, narrowest_m, only, shortest_over, span};
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
-use super::thick::{depths, shared};
+use super::thick::{deep_share, depths, shared};
 use super::timed::{Cost, Timed};
 
 /// k times width of both sides up to which traced rays meet a small hole.
@@ -35,6 +37,9 @@ pub(super) const NARROW_KA: f64 = 5.0;
 const TABLE_UNKNOWNS: f64 = 120.0;
 /// Unknowns of the smaller opening that stands for a corner: k times the side 17.
 const CORNER_UNKNOWNS: f64 = 210.0;
+/// Wave numbers of one that is deep, which is solved for every band: more change levels by less than the form is wrong, and a number
+/// that changes with width or depth makes steps.
+const DEEP_CORNER_WAVE_NUMBERS: usize = 12;
 /// Distances of the farther of source and receiver from the opening, in longer sides, between which the exact rectangle
 /// takes over from the edges: its functions do not resolve the field between two points that are nearer.
 const EXACT_FROM: [f64; 2] = [0.08, 0.16];
@@ -102,6 +107,8 @@ pub struct Rectangle {
 struct Corner {
     sides: [f64; 2],
     depth: f64,
+    /// Share of the depth.
+    deep: f64,
     spectrum: Spectrum,
     exact: Depths,
     x: Mask,
@@ -114,15 +121,15 @@ struct Corner {
 pub struct Corners(Mutex<Vec<Arc<Corner>>>);
 
 impl Corners {
-    fn of(&self, sides: [f64; 2], thickness: f64, spectrum: &Spectrum) -> Arc<Corner> {
-        // As deep as its edges take it.
-        let deep = deep_share_of_edges(sides[0].min(sides[1]), thickness, 1.0);
+    /// `deep`: the share of the depth.
+    fn of(&self, sides: [f64; 2], (deep, thickness): (f64, f64), spectrum: &Spectrum) -> Arc<Corner> {
         let depth = if deep > 0.0 { thickness } else { 0.0 };
         let same = |a: f64, b: f64| (a - b).abs() <= 1e-6 * b;
         let is_this = |c: &&Arc<Corner>| {
             same(c.sides[0], sides[0])
                 && same(c.sides[1], sides[1])
                 && same(c.depth, depth)
+                && same(c.deep, deep)
                 && same(c.spectrum.low_k(), spectrum.low_k())
                 && same(c.spectrum.high_k(), spectrum.high_k())
         };
@@ -131,10 +138,12 @@ impl Corners {
             return Arc::clone(known);
         }
         let limits = sides.map(|side| [-0.5 * side, 0.5 * side]);
-        let exact = Depths::new(limits[0], limits[1], &shared(deep, thickness), spectrum);
+        let tone = spectrum.high_k() <= spectrum.low_k();
+        let count = (deep > 0.0).then_some(if tone { 1 } else { DEEP_CORNER_WAVE_NUMBERS });
+        let exact = Depths::new(limits[0], limits[1], &shared(deep, thickness), spectrum, count);
         let [x, y] = limits.map(|limits| Mask::new(&[limits]));
-        let rim = Rim::new(&x, &y, depth, spectrum);
-        let new = Arc::new(Corner { sides, depth, spectrum: *spectrum, exact, x, y, rim });
+        let rim = Rim::new(&x, &y, (deep, depth), spectrum);
+        let new = Arc::new(Corner { sides, depth, deep, spectrum: *spectrum, exact, x, y, rim });
         all.push(Arc::clone(&new));
         new
     }
@@ -180,7 +189,7 @@ impl Rectangle {
             let (width, height) = (x_m[1] - x_m[0], y_m[1] - y_m[0]);
             let few = matches!(Sides::of(width, height, spectrum), Sides::Exact | Sides::SmallHole);
             (few && jambs == Jambs::Rigid)
-                .then(|| Depths::new(x_m, y_m, &depths(width.min(height), thickness_m), spectrum))
+                .then(|| Depths::new(x_m, y_m, &depths(width.min(height), thickness_m), spectrum, None))
         });
         let several = x.openings().len() > 1;
         let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, thickness_m, spectrum, jambs);
@@ -228,8 +237,8 @@ impl Rectangle {
         if !self.parts.is_empty() {
             let sum =
                 |f: &dyn Fn(&Self, &Ends) -> f64| self.parts.iter().zip(&ends.parts).map(|(p, e)| f(p, e)).sum::<f64>();
-            let apart = sum(&|part, ends| part.edges().intensity(ends.field()));
-            let together = self.edges().intensity(ends.field());
+            let apart = sum(&|part, ends| part.edges().intensity_of_edges(ends.field()));
+            let together = self.edges().intensity_of_edges(ends.field());
             return if apart > 0.0 { together * sum(&Self::intensity_between) / apart } else { 0.0 };
         }
         let share = self.exact_share(source, receiver);
@@ -287,7 +296,7 @@ impl Rectangle {
             let small = solvable(sides, k, CORNER_UNKNOWNS);
             let Spectrum { low_hz, high_hz, speed_m_s } = self.spectrum;
             let spectrum = Spectrum { low_hz, high_hz, speed_m_s: k * speed_m_s };
-            self.corners.of(small.map(|side| k * side), k * self.thickness_m, &spectrum)
+            self.corners.of(small.map(|side| k * side), (self.deep(), k * self.thickness_m), &spectrum)
         });
         let half = small.sides.map(|side| 0.5 * side / k);
         let inward = |at: f64, limits: [f64; 2], half: f64| if at == limits[0] { at + half } else { at - half };
@@ -321,7 +330,12 @@ impl Rectangle {
     }
 
     fn edges(&self) -> &Rim {
-        self.rim.get_or_make(|| Rim::new(&self.x, &self.y, self.thickness_m, &self.spectrum))
+        self.rim.get_or_make(|| Rim::new(&self.x, &self.y, (self.deep(), self.thickness_m), &self.spectrum))
+    }
+
+    /// Share of the wall's depth in the intensity.
+    fn deep(&self) -> f64 {
+        deep_share(narrowest_m(&self.x).min(narrowest_m(&self.y)), self.thickness_m)
     }
 
     fn drive(&self, exact: &Depths, source: DVec3) -> Arc<Vec<Driven>> {

@@ -4,8 +4,8 @@
 //! whatever the angle between ray and edge; so are strips with one end and openings side by side. What is diffracted by two
 //! opposite jambs in turn are the waves of two_edges.rs over both of them, which fade where that way passes beside their
 //! ends; where a side is narrow, the transfer of the slit of that width by the exact aperture over the sum of its two edges alone, both
-//! between source and receiver at the distances that the shortest way has when it is unfolded. The corners themselves stay
-//! out: see rectangle.rs.
+//! between source and receiver at the distances that the shortest way has when it is unfolded. What depth changes across wide sides
+//! stands in reveals.rs. The corners themselves stay out: see rectangle.rs.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::Arc;
@@ -17,16 +17,15 @@ use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::edge::AboutEdge;
 use super::mask::Mask;
+use super::reveals::{Reveals, of_rectangle};
 use super::series::Panels;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, least_nodes, resonant, standing};
-use super::thick::{ThickAperture, blended, deep_share};
+use super::thick::{ThickAperture, blended};
 use super::two_edges::Run;
 use super::wedge::{Between, Wave, WedgeField, free_wave};
 
 /// k times width from which the exact aperture across a side loses its weight, and at which it has none.
 pub(super) const NARROW_SIDE_KA: [f64; 2] = [8.0, 12.0];
-/// The same for the depth of the gap along the narrower side.
-const DEEP_KA: [f64; 2] = [6.0, 12.0];
 /// Distance in m from the boundary of the shadow within which half of the direct sound is seen.
 const ON_BOUNDARY_M: f64 = 1e-9;
 
@@ -40,7 +39,15 @@ pub(super) struct Rim {
     panels: Panels,
     across_x: Option<NarrowSide>,
     across_y: Option<NarrowSide>,
+    /// Across x and y where they are wide and deep.
+    reveals: [Option<Reveals>; 2],
+    /// Share of the depth.
+    deep: f64,
 }
+
+/// The share of a narrow side, and at the nodes the weight, the exact transfer and that of the two edges alone, both relative to the
+/// free field.
+type Changes = (f64, Vec<(f64, Complex64, Complex64)>);
 
 /// A narrow side, solved at the nodes.
 struct NarrowSide {
@@ -49,16 +56,14 @@ struct NarrowSide {
     solved: Vec<ExactSide>,
 }
 
-/// A narrow side at one wave number: the share of the gap with its depth, and without.
+/// A narrow side at one wave number: the share of the gap with its depth and the gap, and the thin one.
 struct ExactSide {
     deep: Option<(f64, ThickAperture)>,
     thin: Aperture,
 }
 
 impl ExactSide {
-    fn new(mask: &Mask, thickness_m: f64, k: f64) -> Self {
-        let width = narrowest_m(mask);
-        let share = deep_share_of_edges(width, thickness_m, k);
+    fn new(mask: &Mask, (share, thickness_m): (f64, f64), k: f64) -> Self {
         let deep = (share > 0.0).then(|| (share, ThickAperture::new(mask.openings(), thickness_m, k)));
         Self { deep, thin: Aperture::new(mask.openings(), k) }
     }
@@ -76,13 +81,8 @@ impl ExactSide {
     }
 }
 
-/// Share of the depth that counts between the edges of a side `width_m` across, at the wave number `k` in 1/m: none where it is wide.
-pub(super) fn deep_share_of_edges(width_m: f64, thickness_m: f64, k: f64) -> f64 {
-    deep_share(width_m, thickness_m) * fade(k * width_m, DEEP_KA)
-}
-
 /// Width in m of the narrowest opening.
-fn narrowest_m(mask: &Mask) -> f64 {
+pub(super) fn narrowest_m(mask: &Mask) -> f64 {
     mask.openings().iter().map(|o| o[1] - o[0]).fold(f64::INFINITY, f64::min)
 }
 
@@ -198,15 +198,14 @@ fn edges(mask: &Mask) -> impl Iterator<Item = (f64, f64)> {
 }
 
 impl Rim {
-    /// For a wall of `thickness_m`, which counts across the narrower side only, where it makes a resonating gap.
-    pub(super) fn new(x: &Mask, y: &Mask, thickness_m: f64, spectrum: &Spectrum) -> Self {
+    /// For a wall of `thickness_m`, which has the share `deep` of the intensity; a thin one has the rest.
+    pub(super) fn new(x: &Mask, y: &Mask, (deep, thickness_m): (f64, f64), spectrum: &Spectrum) -> Self {
         let (low, high) = (spectrum.low_k(), spectrum.high_k());
         let share = |mask: &Mask| match span(mask).iter().all(|limit| limit.is_finite()) {
             true => fade(0.5 * (low + high) * narrowest_m(mask), NARROW_SIDE_KA),
             false => 0.0,
         };
-        let (narrower, depth) =
-            if narrowest_m(x) <= narrowest_m(y) { (x, [thickness_m, 0.0]) } else { (y, [0.0, thickness_m]) };
+        let narrower = if narrowest_m(x) <= narrowest_m(y) { x } else { y };
         let shares = [x, y].map(share);
         let mut panels = Panels::new(Vec::new());
         if shares.iter().any(|s| *s > 0.0) {
@@ -217,38 +216,81 @@ impl Rim {
             panels = gap_panels(0.7 * (diagonal + thickness_m), thickness_m, ([width; 2], width), [low, high]);
         }
         let nodes = panels.nodes();
-        let side = |mask: &Mask, share: f64, depth: f64| {
+        let side = |mask: &Mask, share: f64| {
             (share > 0.0).then(|| {
-                let solved = nodes.iter().map(|(k, _)| ExactSide::new(mask, depth, *k)).collect();
+                let solved = nodes.iter().map(|(k, _)| ExactSide::new(mask, (deep, thickness_m), *k)).collect();
                 NarrowSide { share, solved }
             })
         };
-        let (across_x, across_y) = (side(x, shares[0], depth[0]), side(y, shares[1], depth[1]));
-        Self { x: x.clone(), y: y.clone(), spectrum: *spectrum, nodes, panels, across_x, across_y }
+        let (across_x, across_y) = (side(x, shares[0]), side(y, shares[1]));
+        let [wide_x, wide_y] = of_rectangle(x, y);
+        let reveals = [(wide_x, shares[0]), (wide_y, shares[1])].map(|(limits, narrow)| {
+            limits.filter(|_| deep > 0.0 && narrow < 1.0).map(|limits| Reveals::new(limits, thickness_m, spectrum))
+        });
+        Self { x: x.clone(), y: y.clone(), spectrum: *spectrum, nodes, panels, across_x, across_y, reveals, deep }
     }
 
     /// Intensity of a point source, relative to the free field at 1 m, where the edges send `field`.
     pub(super) fn intensity(&self, field: &Field) -> f64 {
-        let single = field.mean(&self.spectrum, self.twice_shares());
-        let change = |(share, changes): (f64, Vec<(f64, Complex64, Complex64)>)| {
-            let mean = |of: &dyn Fn(&(f64, Complex64, Complex64)) -> f64| changes.iter().map(of).sum::<f64>();
-            let (exact, single) = (mean(&|c| c.0 * c.1.norm_sqr()), mean(&|c| c.0 * c.2.norm_sqr()));
-            if single > 0.0 { share * exact / single + 1.0 - share } else { 1.0 }
-        };
-        self.narrow_sides(field.source, field.receiver).map(change).product::<f64>() * single
+        self.with(self.deeper(field.source, field.receiver), field)
     }
 
-    /// The same as a pressure at any wave number of the band, and by how much in m its ways differ at most.
-    pub(super) fn pressure(&self, field: &Arc<Field>) -> (impl Fn(f64) -> Complex64 + Send + Sync + use<>, f64) {
-        let series = |(share, changes): (f64, Vec<(f64, Complex64, Complex64)>)| {
-            let values: Vec<Complex64> =
-                changes.iter().map(|(_, exact, single)| share * exact / single + 1.0 - share).collect();
-            self.panels.through(&values)
+    /// The same with the wide sides as thin as their edges.
+    pub(super) fn intensity_of_edges(&self, field: &Field) -> f64 {
+        self.with([1.0; 2], field)
+    }
+
+    /// The same where depth multiplies what passes wide sides by `deeper`.
+    fn with(&self, deeper: [f64; 2], field: &Field) -> f64 {
+        let single = field.mean(&self.spectrum, self.twice_shares());
+        let change = |(narrow, deeper): (Option<Changes>, f64)| {
+            let Some((share, changes)) = narrow else { return deeper };
+            let mean = |of: &dyn Fn(&(f64, Complex64, Complex64)) -> f64| changes.iter().map(of).sum::<f64>();
+            let (exact, single) = (mean(&|c| c.0 * c.1.norm_sqr()), mean(&|c| c.0 * c.2.norm_sqr()));
+            if single > 0.0 { share * exact / single + deeper - share * deeper } else { 1.0 }
         };
-        let changes: Vec<_> = self.narrow_sides(field.source, field.receiver).map(series).collect();
+        let sides = self.narrow_sides(field.source, field.receiver);
+        sides.into_iter().zip(deeper).map(change).product::<f64>() * single
+    }
+
+    /// The same as a pressure at any wave number of the band, and by how much in m its ways differ at most. Reveals give it its
+    /// modulus, not their phase.
+    pub(super) fn pressure(&self, field: &Arc<Field>) -> (impl Fn(f64) -> Complex64 + Send + Sync + use<>, f64) {
+        let deeper = self.deeper(field.source, field.receiver).map(f64::sqrt);
+        let mut scale = 1.0;
+        let mut changes = Vec::new();
+        for (narrow, deeper) in self.narrow_sides(field.source, field.receiver).into_iter().zip(deeper) {
+            let Some((share, narrow)) = narrow else {
+                scale *= deeper;
+                continue;
+            };
+            let value =
+                |(_, exact, single): &(f64, Complex64, Complex64)| share * exact / single + deeper - share * deeper;
+            changes.push(self.panels.through(&narrow.iter().map(value).collect::<Vec<_>>()));
+        }
         let shares = self.twice_shares();
         let (wander_m, field) = (field.wander_m(shares), Arc::clone(field));
-        (move |k| changes.iter().map(|change| change(k)).product::<Complex64>() * field.pressure(k, shares), wander_m)
+        (
+            move |k| scale * changes.iter().map(|change| change(k)).product::<Complex64>() * field.pressure(k, shares),
+            wander_m,
+        )
+    }
+
+    /// What the reveals across x and across y multiply the intensity by: 1 in a thin wall.
+    fn deeper(&self, source: DVec3, receiver: DVec3) -> [f64; 2] {
+        if self.reveals.iter().all(Option::is_none) {
+            return [1.0; 2];
+        }
+        let (source, receiver) = facing(source, receiver);
+        let unfolded = unfolded(&self.x, &self.y, source, receiver);
+        let (Some([x, y]), Some(over)) = (unfolded, shortest_over(source, receiver, &self.x, &self.y)) else {
+            return [1.0; 2];
+        };
+        let ratio = |(reveals, crossing, over_m): (&Option<Reveals>, Crossing, f64)| {
+            reveals.as_ref().map_or(1.0, |reveals| self.deep * reveals.ratio(over_m, &crossing) + 1.0 - self.deep)
+        };
+        let [across_x, across_y] = &self.reveals;
+        [(across_x, x, over.x), (across_y, y, over.y)].map(ratio)
     }
 
     /// What the sides that are not narrow leave to waves from jamb to opposite jamb, across x and across y.
@@ -256,19 +298,13 @@ impl Rim {
         [&self.across_x, &self.across_y].map(|narrow| 1.0 - narrow.as_ref().map_or(0.0, |narrow| narrow.share))
     }
 
-    /// What repeated diffraction between the jambs of the narrow sides changes: the share of it, and at the nodes the weight, the
-    /// exact transfer and that of the two edges alone, both relative to the free field.
-    fn narrow_sides(
-        &self,
-        source: DVec3,
-        receiver: DVec3,
-    ) -> impl Iterator<Item = (f64, Vec<(f64, Complex64, Complex64)>)> {
+    /// What repeated diffraction between the jambs changes across x and y where they are narrow.
+    fn narrow_sides(&self, source: DVec3, receiver: DVec3) -> [Option<Changes>; 2] {
         let (source, receiver) = facing(source, receiver);
         let crossings = if self.nodes.is_empty() { None } else { unfolded(&self.x, &self.y, source, receiver) };
-        let [x, y] = crossings.map_or([None, None], |crossings| crossings.map(Some));
-        let sides = [(&self.x, &self.across_x, x), (&self.y, &self.across_y, y)];
-        sides.into_iter().filter_map(|(mask, narrow, crossing)| {
-            let (narrow, crossing) = (narrow.as_ref()?, crossing?);
+        let Some([x, y]) = crossings else { return [None, None] };
+        [(&self.x, &self.across_x, x), (&self.y, &self.across_y, y)].map(|(mask, narrow, crossing)| {
+            let narrow = narrow.as_ref()?;
             Some((narrow.share, self.repeated(mask, narrow, &crossing)?))
         })
     }

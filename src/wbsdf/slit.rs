@@ -199,10 +199,20 @@ impl BandApertures {
         let smooth = 0.5 * (high - low) * (span + thickness_m);
         let phase = Some(smooth + resonances(openings, thickness_m, low, high)).filter(|phase| *phase > 0.5);
         let count = least_nodes(low, high) + phase.map_or(0, |phase| phase.ceil() as usize);
-        let solver = |k: f64| Solver::new(mask, thickness_m, k, 1);
         let most = if openings.len() > FEW && thickness_m == 0.0 { MOST_OF_MANY } else { MOST_FREQUENCIES };
-        let nodes = gauss_nodes(low, high, count.min(most)).map(|(k, weight)| (weight, solver(k))).collect();
-        Self { nodes, openings: openings.to_vec(), thickness_m, multipoles: Timed::default() }
+        Self::at(mask, thickness_m, gauss_nodes(low, high, count.min(most)))
+    }
+
+    /// At these wave numbers across the edges, with their weights; `thickness_m` 0: a thin wall.
+    pub(super) fn at(mask: &Mask, thickness_m: f64, nodes: impl Iterator<Item = (f64, f64)>) -> Self {
+        let nodes = nodes.map(|(k, weight)| (weight, Solver::new(mask, thickness_m, k, 1))).collect();
+        Self { nodes, openings: mask.openings().to_vec(), thickness_m, multipoles: Timed::default() }
+    }
+
+    /// With the waves about the openings, which the first source would ask for.
+    pub(super) fn prepared(self) -> Self {
+        self.multipoles.get_or_make(|| Multipoles::new(&self.openings, self.thickness_m, &self.nodes));
+        self
     }
 
     /// What `incident` makes leave the openings, for many receivers; `None` if it is too near to one of them.
