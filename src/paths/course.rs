@@ -40,16 +40,17 @@ pub fn add_courses(
     }
     let mut fine = scene.divided(parts);
     let widths_hz: Vec<f64> = fine.bands.iter().map(|band| band.high_hz - band.low_hz).collect();
-    for band in &mut fine.bands {
-        let spectrum = Spectrum::new(band, scene.air.speed_of_sound_m_s);
-        if geometry.portals.iter().all(|portal| is_even(scene, geometry, portal, &spectrum)) {
-            (band.low_hz, band.high_hz) = (band.nominal_hz, band.nominal_hz);
-        }
-    }
     for (host, wall) in fine.walls.iter_mut().enumerate() {
         let mut openings = geometry.portals.iter().filter(|p| scene.openings[p.opening].host == Host::Wall(host));
         if openings.all(|p| narrower_m(p) > SHALLOW * scene.gap_depth_m(&scene.openings[p.opening])) {
             wall.thickness_m = 0.0;
+        }
+    }
+    for i in 0..fine.bands.len() {
+        let spectrum = Spectrum::new(&fine.bands[i], fine.air.speed_of_sound_m_s);
+        if geometry.portals.iter().all(|portal| is_even(&fine, geometry, portal, &spectrum)) {
+            let band = &mut fine.bands[i];
+            (band.low_hz, band.high_hz) = (band.nominal_hz, band.nominal_hz);
         }
     }
     fine.simulation.interference = false;
