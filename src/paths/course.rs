@@ -16,6 +16,8 @@ const PARTS: usize = 6;
 /// Radians of phase, or nodes for resonances, over a part of a band up to which its centre tells it: the mean of the paths, each
 /// as strong as it is, is then 0.1 dB off their means over the parts.
 const EVEN: f64 = 3.0;
+/// Share of the sum through an opening up to which the courses of its weakest ways are those of the rule for screens.
+const ESTIMATED: f64 = 0.03;
 /// Width of an opening in depths of its wall from which the course is that of a thin wall: its first resonance, half a wavelength deep,
 /// has k times width 9, and hardly any of it comes back from the mouths.
 const SHALLOW: f64 = 3.0;
@@ -58,7 +60,7 @@ pub fn add_courses(
         // As good, and it takes no minutes.
         fine.simulation.transport = Transport::Wbsdf;
     }
-    let prepared = Prepared::new(&fine, geometry, reflection_order);
+    let prepared = Prepared::new(&fine, geometry, reflection_order).estimating(ESTIMATED);
     for (reception, found) in receptions.iter_mut().zip(prepared.find()) {
         for path in &mut reception.paths {
             let same = |other: &&EarlyPath| {

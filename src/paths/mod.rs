@@ -39,6 +39,9 @@ pub use reach::{EdgeReach, MOST_EDGES, edge_reach};
 /// Paths weaker than this relative to the strongest of their pair in every band are dropped (-120 dB).
 const NEGLIGIBLE: f64 = 1e-12;
 
+/// Share of the sum through an opening up to which its weakest ways are only estimated, within some 5 dB: 0.04 dB of the sum.
+const ESTIMATED: f64 = 0.01;
+
 /// What the deterministic paths bring from one source to one probe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Early {
@@ -65,6 +68,8 @@ struct Pair<'a> {
     reached: [&'a Reached; 2],
     /// Most reflections on a path.
     order: usize,
+    /// Share of the sum through an opening up to which its weakest ways are only estimated.
+    estimated: f64,
 }
 
 /// What all paths of a scene share: its openings, whose tables are filled as the first paths need them.
@@ -75,6 +80,7 @@ pub struct Prepared<'a> {
     spectra: Vec<Spectrum>,
     nodes: Vec<Nodes>,
     gaps: Vec<Gap>,
+    estimated: f64,
 }
 
 /// All deterministic paths, one list for every (source, probe), sources slowest.
@@ -90,7 +96,13 @@ impl<'a> Prepared<'a> {
         let spectra: Vec<Spectrum> =
             scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
         let gaps = if scene.simulation.diffraction_order > 0 { Gap::find(scene, geometry) } else { Vec::new() };
-        Self { scene, geometry, order: reflection_order, nodes: Nodes::of(&spectra), spectra, gaps }
+        let nodes = Nodes::of(&spectra);
+        Self { scene, geometry, order: reflection_order, nodes, spectra, gaps, estimated: ESTIMATED }
+    }
+
+    /// With this share of the sum through an opening up to which its weakest ways are only estimated, instead of 1 %.
+    fn estimating(self, share: f64) -> Self {
+        Self { estimated: share, ..self }
     }
 
     /// Drops what is known of single sources and probes: only what belongs to the openings themselves is kept.
@@ -146,6 +158,7 @@ impl<'a> Prepared<'a> {
                     edges: &edges,
                     reached: [&from_sources[s], &from_probes[p]],
                     order,
+                    estimated: self.estimated,
                 };
                 self.between(&pair, (&scene.sources[s], scene.probes[p].position_m), positions[s].as_deref())
             })

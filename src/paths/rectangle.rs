@@ -55,8 +55,6 @@ const PLANE_PLACES: [f64; 3] = [0.1, 0.5, 0.9];
 
 /// Up to so many ways none is guessed.
 const FEW_WAYS: usize = 4;
-/// Share of the sum of all ways in those that are only guessed, within some 5 dB: 0.04 dB of the sum.
-const WEAK: f64 = 0.01;
 /// k times the narrower side of an opening from which the rule for screens tells weak ways: a narrow one radiates everywhere.
 const SCREENS_KA: f64 = 6.0;
 
@@ -217,7 +215,7 @@ impl Rectangles {
                 ways.push(Way { from, to, over, length_m, seen, mirrored, factors, reflections });
             }
         }
-        let mut intensities = self.intensities(scene, spectra, &ways, &places);
+        let mut intensities = self.intensities(pair, &ways, &places);
         let mut paths = Vec::new();
         for (way, intensity) in ways.iter().zip(&mut intensities) {
             let (from, to, length_m) = (way.from.position, way.to.position, way.length_m);
@@ -255,8 +253,9 @@ impl Rectangles {
     /// Intensities, one list a way, one value a band.
     ///
     /// Through openings that are not narrow the weakest ways, by a rule for screens, keep what the rule says, scaled to the others:
-    /// together they bring less than [`WEAK`] of the whole.
-    fn intensities(&self, scene: &Scene, spectra: &[Spectrum], ways: &[Way<'_>], places: &[DVec3]) -> Vec<Vec<f64>> {
+    /// together they bring less than the pair's estimated share of the whole.
+    fn intensities(&self, pair: &Pair<'_>, ways: &[Way<'_>], places: &[DVec3]) -> Vec<Vec<f64>> {
+        let &Pair { scene, spectra, estimated, .. } = pair;
         if scene.simulation.transport == Transport::Utd {
             // As pressures later.
             return vec![vec![0.0; spectra.len()]; ways.len()];
@@ -266,7 +265,7 @@ impl Rectangles {
         let rough: Vec<Vec<f64>> = spectra.iter().enumerate().map(rough).collect();
         let strong = |(rough, spectrum): (&Vec<f64>, &Spectrum)| {
             let all_exact = ways.len() <= FEW_WAYS || self.narrowest_m() * spectrum.high_k() < SCREENS_KA;
-            if all_exact { vec![true; ways.len()] } else { strongest(rough) }
+            if all_exact { vec![true; ways.len()] } else { strongest(rough, estimated) }
         };
         let strong: Vec<Vec<bool>> = rough.iter().zip(spectra).map(strong).collect();
         let all = covering(spectra);
@@ -493,12 +492,12 @@ impl Crossed {
     }
 }
 
-/// Of the ways with these `rough` intensities the strongest, but for the weakest that bring less than [`WEAK`] of the whole.
-fn strongest(rough: &[f64]) -> Vec<bool> {
+/// Of the ways with these `rough` intensities the strongest, but for the weakest that bring less than the share `weak` of the whole.
+fn strongest(rough: &[f64], weak: f64) -> Vec<bool> {
     let mut order: Vec<usize> = (0..rough.len()).collect();
     order.sort_by(|a, b| rough[*b].total_cmp(&rough[*a]));
     let mut left: f64 = rough.iter().sum();
-    let (weak, mut strong) = (WEAK * left, vec![false; rough.len()]);
+    let (weak, mut strong) = (weak * left, vec![false; rough.len()]);
     for (rank, way) in order.into_iter().enumerate() {
         strong[way] = rank == 0 || left > weak;
         left -= rough[way];
