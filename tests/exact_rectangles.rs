@@ -341,10 +341,13 @@ fn levels_do_not_jump_where_a_rectangle_becomes_wide_enough_to_count_as_thin() {
 #[test]
 fn levels_do_not_jump_where_the_opening_of_a_corner_is_no_longer_as_narrow() {
     // From k times width 14 to 18: up to 17 the corner's own opening is as narrow, always as deep as the wall.
-    // In the wall of 0.3 m the exact rectangle itself changes by 0.18 dB beyond its trend over 4 mm: steps of 0.5 mm there.
-    for (thickness_m, height_m, hz, from_m, step_m, count) in
-        [(0.1, 2.0, 2000.0, 0.36, 0.004, 26), (0.3, 2.0, 2000.0, 0.42, 0.0005, 60), (0.1, 0.9, 2000.0, 0.36, 0.004, 26)]
-    {
+    // In the wall of 0.3 m the exact rectangle itself changes by 0.18 dB beyond its trend over 4 mm, and the few wave numbers of its
+    // reveals and corners make that 1.1 dB (docs/verification.md): steps of 0.5 mm there, in which nothing jumps.
+    for (thickness_m, height_m, hz, from_m, step_m, count) in [
+        (0.1, 2.0, 2000.0, 0.36, 0.004, 26),
+        (0.3, 2.0, 2000.0, 0.36, 0.0005, 208),
+        (0.1, 0.9, 2000.0, 0.36, 0.004, 26),
+    ] {
         let opening = |i: i32| rectangle(from_m + step_m * f64::from(i), height_m, thickness_m, hz);
         let sweep: Vec<Rectangle> = (0..=count).map(opening).collect();
         for (before, behind) in

@@ -72,7 +72,7 @@ fn decay_times_of_a_response_are_those_of_its_echogram() {
         scene.simulation.max_rays = max_rays;
         for reception in receptions(&scene) {
             let expected = metrics(&reception, &scene.bands);
-            for seed in 7..13 {
+            for seed in 7..14 {
                 let response = render(&reception, &scene.bands, &RenderOptions { seed, ..OPTIONS }).unwrap();
                 for (e, r) in expected.iter().zip(response_metrics(&reception, &response, &scene.bands)) {
                     let (Some(t_e), Some(t_r)) = (e.t30.seconds, r.t30.seconds) else { continue };
@@ -90,7 +90,8 @@ fn decay_times_of_a_response_are_those_of_its_echogram() {
             }
         }
     }
-    assert!(compared >= 190, "{compared}");
+    // Two decays through the door at 125 Hz are bent, and are told so of the echogram and of the responses.
+    assert!(compared >= 210, "{compared}");
 }
 
 const SHOEBOX: &str = "

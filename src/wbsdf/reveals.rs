@@ -59,11 +59,3 @@ impl Reveals {
         if thin > 0.0 { deep / thin } else { 1.0 }
     }
 }
-
-/// The reveals across `x` and across `y`, if both are one opening each.
-pub(super) fn of_rectangle(x: &Mask, y: &Mask) -> [Option<[f64; 2]>; 2] {
-    match (x.openings(), y.openings()) {
-        ([x], [y]) => [*x, *y].map(|limits| limits.iter().all(|x| x.is_finite()).then_some(limits)),
-        _ => [None, None],
-    }
-}

@@ -17,7 +17,7 @@ use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::edge::AboutEdge;
 use super::mask::Mask;
-use super::reveals::{Reveals, of_rectangle};
+use super::reveals::Reveals;
 use super::series::Panels;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, least_nodes, resonant, standing};
 use super::thick::{ThickAperture, blended};
@@ -223,9 +223,10 @@ impl Rim {
             })
         };
         let (across_x, across_y) = (side(x, shares[0]), side(y, shares[1]));
-        let [wide_x, wide_y] = of_rectangle(x, y);
-        let reveals = [(wide_x, shares[0]), (wide_y, shares[1])].map(|(limits, narrow)| {
-            limits.filter(|_| deep > 0.0 && narrow < 1.0).map(|limits| Reveals::new(limits, thickness_m, spectrum))
+        let alone = [x, y].iter().all(|mask| mask.openings().len() == 1);
+        let reveals = [(x, shares[0]), (y, shares[1])].map(|(mask, narrow)| {
+            let limits = only(mask).filter(|_| alone && deep > 0.0 && narrow < 1.0);
+            limits.map(|limits| Reveals::new(limits, thickness_m, spectrum))
         });
         Self { x: x.clone(), y: y.clone(), spectrum: *spectrum, nodes, panels, across_x, across_y, reveals, deep }
     }
@@ -247,7 +248,7 @@ impl Rim {
             let Some((share, changes)) = narrow else { return deeper };
             let mean = |of: &dyn Fn(&(f64, Complex64, Complex64)) -> f64| changes.iter().map(of).sum::<f64>();
             let (exact, single) = (mean(&|c| c.0 * c.1.norm_sqr()), mean(&|c| c.0 * c.2.norm_sqr()));
-            if single > 0.0 { share * exact / single + deeper - share * deeper } else { 1.0 }
+            if single > 0.0 { share * exact / single + (1.0 - share) * deeper } else { 1.0 }
         };
         let sides = self.narrow_sides(field.source, field.receiver);
         sides.into_iter().zip(deeper).map(change).product::<f64>() * single
@@ -265,7 +266,7 @@ impl Rim {
                 continue;
             };
             let value =
-                |(_, exact, single): &(f64, Complex64, Complex64)| share * exact / single + deeper - share * deeper;
+                |(_, exact, single): &(f64, Complex64, Complex64)| share * exact / single + (1.0 - share) * deeper;
             changes.push(self.panels.through(&narrow.iter().map(value).collect::<Vec<_>>()));
         }
         let shares = self.twice_shares();
