@@ -30,7 +30,7 @@ pub(super) enum Factors {
 }
 
 /// Real and imaginary part.
-type Split = [DMatrix<f64>; 2];
+pub(super) type Split = [DMatrix<f64>; 2];
 
 /// One matrix, ready to be solved.
 pub(super) struct Part {
@@ -263,6 +263,13 @@ impl Factors {
             true => Self::Mirrored(Part::new(twice_folded(matrix, 1.0)), Part::new(twice_folded(matrix, -1.0))),
             false => Self::Whole(Part::new(split(matrix))),
         }
+    }
+
+    /// Of one that mirroring leaves as it is, from what it does to symmetric and to antisymmetric vectors: between the unknowns of
+    /// the first half, the sum of and the difference between the entries on the same side and on opposite ones.
+    pub(super) fn of_halves([symmetric, antisymmetric]: [Split; 2]) -> Self {
+        let both_rows = |half: Split| Part::new(half.map(|part| 2.0 * part));
+        Self::Mirrored(both_rows(symmetric), both_rows(antisymmetric))
     }
 
     /// `shapes`^T times the solutions for all of its columns: real and imaginary part.

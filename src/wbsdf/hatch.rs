@@ -18,6 +18,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::hankel::sin_cos;
 use super::overlap::{SideFunctions, functions};
@@ -30,7 +31,7 @@ const DIGITS: f64 = 14.0;
 /// nodes are graded towards it.
 const NEAR: f64 = 0.25;
 /// Decay (as a power of e) of a mode from mouth to mouth beyond which it does not reach the other one.
-const FADED: f64 = 36.0;
+const FADED: f64 = 20.0;
 /// Nearest distance in m at which a point is told from the opening itself.
 const TOUCHING_M: f64 = 1e-6;
 
@@ -77,8 +78,9 @@ impl Hatch {
     /// The same with these functions along the sides about `centre_m`.
     fn with(sides: [SideFunctions; 2], centre_m: [f64; 2], thickness_m: f64, nodes: &[(f64, f64)]) -> Self {
         let modes = (thickness_m > 0.0).then(|| [0, 1].map(|side| sides[side].modes()));
+        let lengths = lengths(&sides);
         let factorised = |&(k, weight): &(f64, f64)| {
-            let (first, even) = matrices(&sides, modes.as_ref(), k, thickness_m);
+            let (first, even) = matrices(&sides, &lengths, modes.as_ref(), k, thickness_m);
             let mut even = even.into_iter();
             let blocks = first.into_iter().map(|s| (s.factorised(), even.next().map(Symmetric::factorised)));
             AtWaveNumber { k, weight, blocks: blocks.collect() }
@@ -111,10 +113,7 @@ impl Hatch {
         let mut moments = Parts { re: Vec::new(), im: Vec::new() };
         for at in &self.at {
             let (re, im) = field.as_mut_slice().split_at_mut(lengths.len());
-            for ((re, im), r) in re.iter_mut().zip(im).zip(&lengths) {
-                let (sin, cos) = sin_cos(at.k * r);
-                (*re, *im) = (cos / r, sin / r);
-            }
+            Arch::new().dispatch(Spherical { k: at.k, scale: 1.0, lengths: &lengths, re, im });
             let by_x = &across_x.functions * &field;
             let by_x = DMatrix::from_fn(along_y, 2 * x.count, |b, column| {
                 by_x[(column % x.count, column / x.count * along_y + b)]
@@ -175,33 +174,55 @@ impl Hatch {
 /// Parities along x and y, block after block.
 const PARITIES: [(usize, usize); 4] = [(0, 0), (0, 1), (1, 0), (1, 1)];
 
-/// exp(ikR)/R between all separations along y and x, real and imaginary part, times 4 for both signs of either.
-fn outside(sides: &[SideFunctions; 2], k: f64) -> [DMatrix<f64>; 2] {
-    let [x, y] = [0, 1].map(|side| &sides[side].separations_m);
-    let mut parts = [DMatrix::zeros(y.len(), x.len()), DMatrix::zeros(y.len(), x.len())];
-    let [re, im] = &mut parts;
-    let columns = re.as_mut_slice().chunks_exact_mut(y.len()).zip(im.as_mut_slice().chunks_exact_mut(y.len()));
-    for (dx, (re, im)) in x.iter().zip(columns) {
-        for (dy, (re, im)) in y.iter().zip(re.iter_mut().zip(im)) {
-            let r = (dx * dx + dy * dy).sqrt();
-            let (sin, cos) = sin_cos(k * r);
-            let scale = 4.0 / r;
+/// `scale` times exp(ikR)/R over the `lengths` R, real and imaginary part, in the widest vectors of the machine.
+struct Spherical<'a> {
+    k: f64,
+    scale: f64,
+    lengths: &'a [f64],
+    re: &'a mut [f64],
+    im: &'a mut [f64],
+}
+
+impl WithSimd for Spherical<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for ((re, im), r) in self.re.iter_mut().zip(self.im).zip(self.lengths) {
+            let (sin, cos) = sin_cos(self.k * r);
+            let scale = self.scale / r;
             (*re, *im) = (scale * cos, scale * sin);
         }
     }
+}
+
+/// exp(ikR)/R between all separations along y and x, real and imaginary part, times 4 for both signs of either.
+fn outside(sides: &[SideFunctions; 2], lengths: &[f64], k: f64) -> [DMatrix<f64>; 2] {
+    let [x, y] = sides;
+    let (rows, columns) = (y.separations_m().count(), x.separations_m().count());
+    let mut parts = [DMatrix::zeros(rows, columns), DMatrix::zeros(rows, columns)];
+    let [re, im] = &mut parts;
+    Arch::new().dispatch(Spherical { k, scale: 4.0, lengths, re: re.as_mut_slice(), im: im.as_mut_slice() });
     parts
+}
+
+/// Lengths in m of all separations, those along y fastest.
+fn lengths(sides: &[SideFunctions; 2]) -> Vec<f64> {
+    let [x, y] = sides;
+    x.separations_m().flat_map(|dx| y.separations_m().map(move |dy| dx.hypot(dy))).collect()
 }
 
 /// S at the wave number `k` and nothing, or through a gap S + Z_odd and S + Z_even: one matrix a pair of parities.
 fn matrices(
     sides: &[SideFunctions; 2],
+    lengths: &[f64],
     modes: Option<&[DMatrix<f64>; 2]>,
     k: f64,
     thickness_m: f64,
 ) -> (Vec<Symmetric>, Vec<Symmetric>) {
     let [x, y] = sides;
-    let x_overlaps = x.overlaps.transpose();
-    let [re, im] = outside(sides, k).map(|kernel| &y.overlaps * (kernel * &x_overlaps));
+    let x_overlaps = x.overlaps().transpose();
+    let [re, im] = outside(sides, lengths, k).map(|kernel| y.overlaps() * (kernel * &x_overlaps));
     let Some(modes) = modes else { return (blocks(sides, &re, &im), Vec::new()) };
     let [even, odd] = in_gap(sides, modes, k, thickness_m).map(|z| blocks(sides, &(&re + z), &im));
     (odd, even)
@@ -292,9 +313,10 @@ pub fn diffuse_transmission(width_m: f64, height_m: f64, thickness_m: f64, nodes
     let highest = nodes.iter().fold(0.0_f64, |k, node| k.max(node.0));
     let sides = SideFunctions::of_rectangle([width_m, height_m], thickness_m, highest);
     let modes = (thickness_m > 0.0).then(|| [0, 1].map(|side| sides[side].modes()));
+    let lengths = lengths(&sides);
     let at = |k: f64| {
-        let (thin, _) = matrices(&sides, None, k, 0.0);
-        let (odd, even) = matrices(&sides, modes.as_ref(), k, thickness_m);
+        let (thin, _) = matrices(&sides, &lengths, None, k, 0.0);
+        let (odd, even) = matrices(&sides, &lengths, modes.as_ref(), k, thickness_m);
         let mut even = even.into_iter();
         let blocks = odd.into_iter().map(|odd| (odd.factorised(), even.next().map(Symmetric::factorised)));
         let traces = blocks.zip(&thin).map(|((odd, even), outside)| {

@@ -12,9 +12,11 @@
 //! a logarithm at s = 0, and so has the kernel: the nodes lie on panels that shrink towards 0 by a fifth each.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::kept::Kept;
 use super::slit::gauss_nodes;
 use super::thick::impedances;
 
@@ -45,12 +47,46 @@ pub(super) struct SideFunctions {
     pub(super) half_m: f64,
     /// Number of functions.
     pub(super) count: usize,
-    /// Separations in m.
-    pub(super) separations_m: Vec<f64>,
-    /// Overlaps times quadrature weights: pairs by separations.
-    pub(super) overlaps: DMatrix<f64>,
+    overlaps: Arc<Overlaps>,
     /// Where the functions are sums of Chebyshev's: their shares of each.
     profiles: Option<Vec<[f64; PROFILE_TERMS]>>,
+}
+
+/// How functions overlap, at any width.
+struct Overlaps {
+    /// Separations in half widths.
+    separations: Vec<f64>,
+    /// Overlaps times quadrature weights: pairs by separations.
+    weighted: DMatrix<f64>,
+}
+
+impl Overlaps {
+    /// Of the first `count` functions, for a kernel that with them varies by `phase` over half a width.
+    fn new(count: usize, phase: usize) -> Self {
+        let mut nodes = Vec::new();
+        let mut high = 2.0;
+        for panel in 0..PANELS {
+            let share = RATIO.powi(panel);
+            let low = if panel + 1 == PANELS { 0.0 } else { high * RATIO };
+            let order = PANEL_NODES + (phase as f64 * share).ceil() as usize;
+            nodes.extend(gauss_nodes(low, high, order).map(|(s, weight)| (s, weight * (high - low))));
+            high = low;
+        }
+        let mut weighted = DMatrix::zeros(pairs(count), nodes.len());
+        let rule: Vec<(f64, f64)> = gauss_nodes(0.0, 1.0, 16 + count).collect();
+        for (column, (s, weight)) in nodes.iter().enumerate() {
+            let mut values = vec![0.0; pairs(count)];
+            add_overlaps(&mut values, count, *s, &rule);
+            weighted.column_mut(column).iter_mut().zip(values).for_each(|(o, value)| *o = weight * value);
+        }
+        Self { separations: nodes.into_iter().map(|(s, _)| s).collect(), weighted }
+    }
+
+    /// The same, kept for the next side.
+    fn of(count: usize, phase: usize) -> Arc<Self> {
+        static KNOWN: Kept<(usize, usize), Overlaps> = Kept::new();
+        KNOWN.of((count, phase), || Self::new(count, phase))
+    }
 }
 
 impl SideFunctions {
@@ -81,16 +117,17 @@ impl SideFunctions {
         let faded = (-PI * thickness_m / width_m).exp();
         let parities = if phase * phase * faded < NO_ODD_FLOW { 1 } else { 2 };
         let profiles: Vec<_> = (0..parities).map(|parity| terms.profile(parity, thickness_m, k)).collect();
-        let mut overlaps = DMatrix::zeros(parities, terms.overlaps.ncols());
+        let mut weighted = DMatrix::zeros(parities, terms.overlaps().ncols());
         for (parity, profile) in profiles.iter().enumerate() {
             for j in 0..terms.of_parity(parity) {
                 for i in 0..=j {
                     let share = profile[2 * i + parity] * profile[2 * j + parity] * if i == j { 1.0 } else { 2.0 };
-                    let mut row = overlaps.row_mut(parity);
-                    row += share * terms.overlaps.row(terms.pair(parity, i, j));
+                    let mut row = weighted.row_mut(parity);
+                    row += share * terms.overlaps().row(terms.pair(parity, i, j));
                 }
             }
         }
+        let overlaps = Arc::new(Overlaps { separations: terms.overlaps.separations.clone(), weighted });
         Self { count: parities, overlaps, profiles: Some(profiles), ..terms }
     }
 
@@ -104,7 +141,7 @@ impl SideFunctions {
         let entry = |i: usize, j: usize| {
             let pair = self.pair(parity, i, j);
             let outside: f64 =
-                self.overlaps.row(pair).iter().zip(&self.separations_m).map(|(o, s)| -4.0 * o * s.ln()).sum();
+                self.overlaps().row(pair).iter().zip(self.separations_m()).map(|(o, s)| -4.0 * o * s.ln()).sum();
             let in_gap: f64 =
                 modes.row(pair).iter().zip(self.mode_k()).skip(1).map(|(product, mu)| product * impedance(mu)).sum();
             outside + TAU / self.half_m * in_gap
@@ -122,24 +159,17 @@ impl SideFunctions {
 
     /// The first `count` functions.
     fn of_count(count: usize, half_m: f64, phase: f64) -> Self {
-        let mut nodes = Vec::new();
-        let mut high = 2.0;
-        for panel in 0..PANELS {
-            let share = RATIO.powi(panel);
-            let low = if panel + 1 == PANELS { 0.0 } else { high * RATIO };
-            let order = PANEL_NODES + ((count as f64 + phase) * share).ceil() as usize;
-            nodes.extend(gauss_nodes(low, high, order).map(|(s, weight)| (s, weight * (high - low))));
-            high = low;
-        }
-        let mut overlaps = DMatrix::zeros(pairs(count), nodes.len());
-        let rule: Vec<(f64, f64)> = gauss_nodes(0.0, 1.0, 16 + count).collect();
-        for (column, (s, weight)) in nodes.iter().enumerate() {
-            let mut values = vec![0.0; pairs(count)];
-            add_overlaps(&mut values, count, *s, &rule);
-            overlaps.column_mut(column).iter_mut().zip(values).for_each(|(o, value)| *o = weight * value);
-        }
-        let separations_m = nodes.iter().map(|(s, _)| half_m * s).collect();
-        Self { half_m, count, separations_m, overlaps, profiles: None }
+        Self { half_m, count, overlaps: Overlaps::of(count, (count as f64 + phase).ceil() as usize), profiles: None }
+    }
+
+    /// Separations in m.
+    pub(super) fn separations_m(&self) -> impl Iterator<Item = f64> + Clone {
+        self.overlaps.separations.iter().map(|s| self.half_m * s)
+    }
+
+    /// Overlaps times quadrature weights: pairs by separations.
+    pub(super) fn overlaps(&self) -> &DMatrix<f64> {
+        &self.overlaps.weighted
     }
 
     /// Chebyshev's functions that the functions are made of.
@@ -177,7 +207,7 @@ impl SideFunctions {
             let sign = if (m + p).is_multiple_of(4) { PI } else { -PI };
             sign * libm::jn(m as i32, FRAC_PI_2 * p as f64)
         };
-        let mut products = DMatrix::zeros(self.overlaps.nrows(), MODES);
+        let mut products = DMatrix::zeros(self.overlaps().nrows(), MODES);
         for parity in 0..2 {
             for p in (parity..MODES).step_by(2) {
                 let own = |i: usize| match &self.profiles {
@@ -270,7 +300,7 @@ mod tests {
         for parity in 0..2 {
             for j in 0..side.of_parity(parity) {
                 for i in 0..=j {
-                    let integral = 2.0 * side.overlaps.row(side.pair(parity, i, j)).sum();
+                    let integral = 2.0 * side.overlaps().row(side.pair(parity, i, j)).sum();
                     let expected = if parity == 0 && j == 0 { PI * PI } else { 0.0 };
                     // What lies below the smallest panel's first node is left out: 1e-7.
                     assert!((integral - expected).abs() < 2e-6, "{parity} {i} {j}: {integral} {expected}");

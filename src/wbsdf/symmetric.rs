@@ -4,6 +4,7 @@
 //! pivot vanishes. Real and imaginary parts lie apart, so that the loops become vector code.
 
 use num_complex::Complex64;
+use pulp::{Arch, Simd, WithSimd};
 
 /// The upper triangle row after row; once factorised, D^-1 on the diagonal and D L^T beside it.
 #[derive(Clone)]
@@ -42,6 +43,12 @@ impl Symmetric {
     }
 
     pub(super) fn factorised(mut self) -> Self {
+        Arch::new().dispatch(Eliminate(&mut self));
+        self
+    }
+
+    #[inline(always)]
+    fn eliminate(&mut self) {
         for k in 0..self.size {
             let (start, next) = (self.start(k), self.start(k + 1));
             let pivot = Complex64::new(self.re[start], self.im[start]).inv();
@@ -58,11 +65,15 @@ impl Symmetric {
             }
             (re[start], im[start]) = (pivot.re, pivot.im);
         }
-        self
     }
 
     /// Solves with the right side in place.
     pub(super) fn solve(&self, re: &mut [f64], im: &mut [f64]) {
+        Arch::new().dispatch(Solve(self, re, im));
+    }
+
+    #[inline(always)]
+    fn substitute(&self, re: &mut [f64], im: &mut [f64]) {
         let mut start = 0;
         for k in 0..self.size {
             let pivot = Complex64::new(self.re[start], self.im[start]);
@@ -82,6 +93,30 @@ impl Symmetric {
             re[k] -= value.re;
             im[k] -= value.im;
         }
+    }
+}
+
+/// [`Symmetric::eliminate`] in the widest vectors of the machine. A closure would be compiled without them.
+struct Eliminate<'a>(&'a mut Symmetric);
+
+impl WithSimd for Eliminate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.eliminate();
+    }
+}
+
+/// [`Symmetric::substitute`] likewise.
+struct Solve<'a>(&'a Symmetric, &'a mut [f64], &'a mut [f64]);
+
+impl WithSimd for Solve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.substitute(self.1, self.2);
     }
 }
 
@@ -109,6 +144,7 @@ impl Parts {
 }
 
 /// target -= factor * x.
+#[inline(always)]
 fn subtract((re, im): (&mut [f64], &mut [f64]), factor: Complex64, (x_re, x_im): (&[f64], &[f64])) {
     let (a, b) = (factor.re, factor.im);
     for (((re, im), x), y) in re.iter_mut().zip(im.iter_mut()).zip(x_re).zip(x_im) {
@@ -118,6 +154,7 @@ fn subtract((re, im): (&mut [f64], &mut [f64]), factor: Complex64, (x_re, x_im):
 }
 
 /// Sum of products, without conjugation.
+#[inline(always)]
 pub(super) fn dot((a_re, a_im): (&[f64], &[f64]), (b_re, b_im): (&[f64], &[f64])) -> Complex64 {
     /// Sums side by side.
     const LANES: usize = 4;

@@ -9,33 +9,32 @@
 //! (Z_odd  + S) v_odd  = p_inc ,  Z_odd  =  tan(gamma h/2)/gamma ,  gamma^2 = k^2 - (m pi/a)^2
 //! ```
 //!
-//! and v_odd - v_even leaves the far mouth. For large m both Z tend to a/(m pi), whose sum is closed: a logarithm like
-//! that of S and its mirror image in the jamb. The corner of 270 degrees makes v grow like r^(-1/3); nodes graded after
-//! Kress (1990) take that out, and the logarithm is integrated exactly (Martensen; Kress 1989). Derived in
-//! docs/physics.md section 2. Rigid jambs, no viscous losses.
+//! and v_odd - v_even leaves the far mouth. The corner of 270 degrees makes v grow like r^(-1/3): the functions of mouth.rs do so,
+//! too, and few of them are enough. Derived in docs/physics.md section 2. Rigid jambs, no viscous losses.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
-use super::aperture::{EULER_GAMMA, distances, line_transfer};
+use super::aperture::{distances, line_transfer};
 use super::crossing::{Crossing, Incident};
-use super::factors::{Factors, mirrored};
-use super::hankel::{hankel0, hankel0_each, sin_cos};
+use super::factors::{Factors, Split, mirrored};
+use super::hankel::{hankel0, hankel0_each};
+use super::mouth::{Functions, polynomials};
 use super::slit::fade;
 
-/// Exponent of the grading: v dx/ds vanishes like s^(2 q/3 - 1) at the jambs.
+/// Exponent of the grading for points next to a mouth: v dx/ds vanishes like s^(2 q/3 - 1) at the jambs.
 const GRADING: i32 = 6;
-/// Distance from the nodes, in node distances, from which the sum over them is accurate.
+/// Distance from the places of the unknowns, in distances of theirs, from which the sum over them is accurate.
 const RESOLVED: f64 = 2.5;
-/// Most times the nodes are refined for points next to the mouth.
+/// Most times as many places for points next to the mouth.
 const MOST_FINER: f64 = 32.0;
 const HALF_I: Complex64 = Complex64 { re: 0.0, im: 0.5 };
 
-/// A node of an opening: shares of its width to the low and to the high jamb, each exact where it is small, and
-/// dx/ds in m.
-#[derive(Clone, Copy)]
+/// One of the places graded towards the jambs: shares of the width to the low and to the high jamb, each exact where it is small,
+/// and dx/ds in m.
 struct Node {
     x_m: f64,
     low: f64,
@@ -43,12 +42,12 @@ struct Node {
     slope_m: f64,
 }
 
-/// One opening's graded nodes: s = j pi/half for j = 1..2 half.
+/// One opening, the first of its unknowns among all.
 struct Mouth {
     start: usize,
-    half: usize,
+    low_m: f64,
     width_m: f64,
-    nodes: Vec<Node>,
+    functions: Arc<Functions>,
 }
 
 /// The factorised equations of openings in one thick wall at one wave number.
@@ -60,10 +59,10 @@ pub struct ThickAperture {
     odd: Factors,
 }
 
-/// Half the number of intervals for an opening of width `ka` (k times width) and `flatness` (width over depth, at which scale
-/// its modes fade): the level behind it is converged to 0.02 dB.
-fn half_intervals(ka: f64, flatness: f64) -> usize {
-    12 + (0.42 * ka + 0.25 * flatness).ceil() as usize
+/// Half the number of unknowns for an opening of width `ka` (k times width) and `flatness` (width over depth, at which scale its
+/// modes fade): the field is converged to 1e-4.
+fn half_of_places(ka: f64, flatness: f64) -> usize {
+    4 + (0.25 * ka + 0.6 * flatness.sqrt()).ceil() as usize
 }
 
 /// Kress' sigmoidal map of s in 0..2 pi on 0..1 and its derivative.
@@ -78,6 +77,7 @@ fn graded(s: f64) -> (f64, f64) {
     (pa / (pa + pb), q * pa * pb * (da / a + db / b) / (pa + pb).powi(2))
 }
 
+/// At s = j pi/half, j = 1..2 half.
 fn nodes(opening: [f64; 2], half: usize) -> Vec<Node> {
     let width = opening[1] - opening[0];
     (1..2 * half)
@@ -95,11 +95,8 @@ pub(super) fn impedances(k: f64, mu: f64, thickness_m: f64) -> [f64; 2] {
     let square = k * k - mu * mu;
     let gamma = square.abs().sqrt().max(1e-9 * k);
     let half = 0.5 * gamma * thickness_m;
-    if square >= 0.0 {
-        [-1.0 / (half.tan() * gamma), half.tan() / gamma]
-    } else {
-        [1.0 / (half.tanh() * gamma), half.tanh() / gamma]
-    }
+    let (sign, tangent) = if square >= 0.0 { (-1.0, half.tan()) } else { (1.0, half.tanh()) };
+    [sign / (tangent * gamma), tangent / gamma]
 }
 
 /// Widths over depth between which a gap comes to count as thin: there its depth changes levels by less than 0.08 dB, but for
@@ -149,28 +146,17 @@ impl ThickAperture {
     pub(super) fn resolved(openings: &[[f64; 2]], thickness_m: f64, k: f64, resolved_k: f64, finer: usize) -> Self {
         let mut mouths: Vec<Mouth> = Vec::new();
         let mut total = 0;
-        for &opening in openings {
-            let width_m = opening[1] - opening[0];
-            let half = finer * half_intervals(resolved_k * width_m, width_m / thickness_m);
-            mouths.push(Mouth { start: total, half, width_m, nodes: nodes(opening, half) });
-            total += 2 * half - 1;
+        for &[low_m, high_m] in openings {
+            let width_m = high_m - low_m;
+            let half = finer * half_of_places(resolved_k * width_m, width_m / thickness_m);
+            mouths.push(Mouth { start: total, low_m, width_m, functions: Functions::of(half) });
+            total += 2 * half;
         }
-        let mut outside = DMatrix::<Complex64>::zeros(total, total);
-        for a in &mouths {
-            for b in mouths.iter().filter(|b| b.start != a.start) {
-                for (i, from) in a.nodes.iter().enumerate() {
-                    for (j, to) in b.nodes.iter().enumerate() {
-                        outside[(a.start + i, b.start + j)] = HALF_I * hankel0(k * (from.x_m - to.x_m).abs());
-                    }
-                }
-            }
-        }
-        let (mut even, mut odd) = (outside.clone(), outside);
-        for mouth in &mouths {
-            mouth.add(k, thickness_m, &mut even, &mut odd);
-        }
-        let mirrored = mirrored(openings);
-        Self { k, thickness_m, mouths, even: Factors::new(&even, mirrored), odd: Factors::new(&odd, mirrored) }
+        let [even, odd] = match &mouths[..] {
+            [mouth] => mouth.operators(k, thickness_m).map(Factors::of_halves),
+            _ => coupled(&mouths, total, k, thickness_m).map(|matrix| Factors::new(&matrix, mirrored(openings))),
+        };
+        Self { k, thickness_m, mouths, even, odd }
     }
 
     /// p/|p_free| of `crossing`, whose distances count from the middle of the wall; p_free is the field with the wall
@@ -218,7 +204,7 @@ impl ThickAperture {
 
     /// The nodes' places across the openings in m.
     pub(super) fn positions(&self) -> Vec<f64> {
-        self.mouths.iter().flat_map(|m| &m.nodes).map(|n| n.x_m).collect()
+        self.mouths.iter().flat_map(Mouth::positions).collect()
     }
 
     /// v dx/ds times the step at the nodes of the far mouth, for the incident pressure at those of the near one.
@@ -240,11 +226,11 @@ impl ThickAperture {
         };
         let mut sum = Complex64::ZERO;
         for mouth in &self.mouths {
-            let own = &strengths[mouth.start..mouth.start + mouth.nodes.len()];
-            let places: Vec<f64> = mouth.nodes.iter().map(|n| n.x_m).collect();
+            let places: Vec<f64> = mouth.positions().collect();
+            let own = &strengths[mouth.start..mouth.start + places.len()];
             let nearest = distances(&places, 1.0, x_m, z_m).into_iter().fold(f64::INFINITY, f64::min);
-            // In the middle the nodes are twice as far apart as even ones.
-            let spacing = mouth.width_m / mouth.half as f64;
+            // In the middle, where they are farthest apart.
+            let spacing = FRAC_PI_2 * mouth.width_m / places.len() as f64;
             sum += if nearest > RESOLVED * spacing {
                 sum_over(&places, own)
             } else {
@@ -257,101 +243,110 @@ impl ThickAperture {
     }
 }
 
-impl Mouth {
-    /// Adds the mouth's own blocks, over the step, to the even and the odd matrix.
-    fn add(&self, k: f64, thickness_m: f64, even: &mut DMatrix<Complex64>, odd: &mut DMatrix<Complex64>) {
-        let (n, a) = (self.nodes.len(), self.width_m);
-        let step = PI / self.half as f64;
-        // What the modes add to their asymptote a/(m pi), m = 1, 2, ...: it falls like m^-3 once a mode fades in the gap.
-        let count = 40 + (2.0 * k * a / PI + 8.0 * a / (PI * thickness_m)).ceil() as usize;
-        // Everything is the same seen from the other jamb: half of the nodes, and even and odd modes apart.
-        let half = n.div_ceil(2);
-        let shares = |parity: usize, which: usize| {
-            let modes = (parity..count).step_by(2);
-            let shapes =
-                DMatrix::from_fn(half, modes.len(), |i, m| sin_cos((2 * m + parity) as f64 * PI * self.nodes[i].low).1);
-            let mut weighted = shapes.clone();
-            for (mut column, m) in weighted.column_iter_mut().zip(modes) {
-                let z = impedances(k, m as f64 * PI / a, thickness_m)[which];
-                column *= if m == 0 { z / a } else { 2.0 * (z - a / (m as f64 * PI)) / a };
-            }
-            shapes * weighted.transpose()
-        };
-        let own = [0, 1].map(|which| [shares(0, which), shares(1, which)]);
-        // ln(4 sin^2((s - s')/2)) by |i - j|, and its quadrature weights over the step (Kress 1989, eq. 12.19 for 2 half nodes).
-        let cosines: Vec<f64> = (0..2 * self.half).map(|d| (d as f64 * step).cos()).collect();
-        let inverses: Vec<f64> = (1..self.half).map(|m| 1.0 / m as f64).collect();
-        let logarithm: Vec<(f64, f64)> = (0..n)
-            .map(|d| {
-                let mut at = 0;
-                let series: f64 = inverses
-                    .iter()
-                    .map(|inverse| {
-                        at += d;
-                        at -= if at >= cosines.len() { cosines.len() } else { 0 };
-                        cosines[at] * inverse
-                    })
-                    .sum();
-                let last = if d % 2 == 0 { 1.0 } else { -1.0 };
-                let periodic = if d == 0 { 0.0 } else { (4.0 * (0.5 * d as f64 * step).sin().powi(2)).ln() };
-                (periodic, -2.0 * series - last / self.half as f64)
-            })
-            .collect();
-        // sin(pi/2 share): sin(pi/2 (p - q)) sin(pi/2 (p + q)) is the difference of their squares.
-        let sines: Vec<[f64; 2]> = self.nodes.iter().map(|p| [p.low, p.high].map(|x| (FRAC_PI_2 * x).sin())).collect();
-        for i in 0..half {
-            for j in i..n - i {
-                let (p, q) = (&self.nodes[i], &self.nodes[j]);
-                let (periodic, weight) = logarithm[j - i];
-                let (j0, rest) = if i == j {
-                    let outside = Complex64::new(-((0.5 * k * p.slope_m).ln() + EULER_GAMMA) / PI, 0.5);
-                    let image = (2.0 * (PI * p.low).sin()).ln();
-                    (1.0, outside - ((PI * p.slope_m / a).ln() + image) / PI)
-                } else {
-                    // From the nearer jamb, free of cancellation.
-                    let (apart, near) = if q.low < 0.5 { (q.low - p.low, 0) } else { (p.high - q.high, 1) };
-                    let h = HALF_I * hankel0(k * a * apart);
-                    let (s, t) = (sines[i][near], sines[j][near]);
-                    let inside_and_image = (4.0 * ((s - t) * (s + t)).abs()).ln();
-                    // (i/2) H0 has J0/2 as its imaginary part.
-                    let j0 = 2.0 * h.im;
-                    (j0, h - inside_and_image / PI + (j0 + 1.0) * periodic / TAU)
-                };
-                let common = rest - (j0 + 1.0) * weight / TAU;
-                for (matrix, [same, opposite]) in [&mut *even, &mut *odd].into_iter().zip(&own) {
-                    let modes = match j < half {
-                        true => same[(i, j)] + opposite[(i, j)],
-                        false => same[(i, n - 1 - j)] - opposite[(i, n - 1 - j)],
-                    };
-                    let value = common + modes;
-                    for (row, column) in [(i, j), (j, i), (n - 1 - i, n - 1 - j), (n - 1 - j, n - 1 - i)] {
-                        matrix[(self.start + row, self.start + column)] = value;
-                    }
+/// The equations of all mouths, even and odd.
+fn coupled(mouths: &[Mouth], total: usize, k: f64, thickness_m: f64) -> [DMatrix<Complex64>; 2] {
+    let mut outside = DMatrix::<Complex64>::zeros(total, total);
+    for a in mouths {
+        for b in mouths.iter().filter(|b| b.start != a.start) {
+            for (i, from) in a.positions().enumerate() {
+                for (j, to) in b.positions().enumerate() {
+                    outside[(a.start + i, b.start + j)] = HALF_I * hankel0(k * (from - to).abs());
                 }
             }
         }
     }
+    let mut matrices = [outside.clone(), outside];
+    for mouth in mouths {
+        for (matrix, [symmetric, antisymmetric]) in matrices.iter_mut().zip(mouth.operators(k, thickness_m)) {
+            let [symmetric, antisymmetric] = [symmetric, antisymmetric].map(|[re, im]| re.zip_map(&im, Complex64::new));
+            let n = 2 * symmetric.nrows();
+            let mut own = matrix.view_mut((mouth.start, mouth.start), (n, n));
+            for j in 0..n / 2 {
+                for i in 0..n / 2 {
+                    let (sum, difference) = (symmetric[(i, j)], antisymmetric[(i, j)]);
+                    let (same, opposite) = (0.5 * (sum + difference), 0.5 * (sum - difference));
+                    own[(i, j)] = same;
+                    own[(n - 1 - i, n - 1 - j)] = same;
+                    own[(i, n - 1 - j)] = opposite;
+                    own[(n - 1 - i, j)] = opposite;
+                }
+            }
+        }
+    }
+    matrices
+}
 
-    /// Strengths on `finer` times as many nodes, by their sine series (they vanish at both jambs).
+impl Mouth {
+    /// The places of its unknowns, in m.
+    fn positions(&self) -> impl Iterator<Item = f64> {
+        let at = |[low, high]: &[f64; 2]| {
+            if low < high { self.low_m + self.width_m * low } else { self.low_m + self.width_m * (1.0 - high) }
+        };
+        self.functions.places().iter().map(at)
+    }
+
+    /// Its own equations, as [`Functions::operators`].
+    fn operators(&self, k: f64, thickness_m: f64) -> [[Split; 2]; 2] {
+        let (a, half_m) = (self.width_m, 0.5 * self.width_m);
+        // What the modes add to their asymptote a/(m pi), m = 1, 2, ...: it falls like m^-3 once a mode fades in the gap.
+        let count = 40 + (2.0 * k * a / PI + 8.0 * a / (PI * thickness_m)).ceil() as usize;
+        let modes = |m: usize| impedances(k, m as f64 * PI / a, thickness_m).map(|z| z / half_m);
+        self.functions.operators(k * half_m, count, modes)
+    }
+
+    /// Strengths at `finer` times as many places, which are graded towards the jambs.
     fn refined(&self, strengths: &[Complex64], finer: usize) -> Vec<(f64, Complex64)> {
-        let count = 2 * self.half;
-        let sine = |m: usize, s: f64| (0.5 * m as f64 * s).sin();
-        let step = PI / self.half as f64;
-        let coefficients: Vec<Complex64> = (1..count)
-            .map(|m| {
-                let sum: Complex64 =
-                    strengths.iter().enumerate().map(|(j, v)| v * sine(m, (j + 1) as f64 * step)).sum();
-                sum * 2.0 / (count * finer) as f64
-            })
-            .collect();
-        let opening = [self.nodes[0].x_m - self.width_m * self.nodes[0].low, 0.0];
-        nodes([opening[0], opening[0] + self.width_m], self.half * finer)
+        let series = self.functions.series(strengths);
+        let half = self.functions.places().len() * finer;
+        let step = PI / half as f64;
+        nodes([self.low_m, self.low_m + self.width_m], half)
             .iter()
-            .enumerate()
-            .map(|(i, node)| {
-                let s = (i + 1) as f64 * step / finer as f64;
-                (node.x_m, coefficients.iter().zip(1..).map(|(c, m)| c * sine(m, s)).sum())
+            .map(|node| {
+                let xi = if node.low < 0.5 { 2.0 * node.low - 1.0 } else { 1.0 - 2.0 * node.high };
+                let sum: Complex64 = series.iter().zip(polynomials(series.len(), xi)).map(|(c, value)| c * value).sum();
+                // d xi/ds is twice dx/ds over the width.
+                (
+                    node.x_m,
+                    sum * (4.0 * node.low * node.high).powf(-1.0 / 3.0) * (2.0 * node.slope_m / self.width_m * step),
+                )
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_are_converged_at_any_width_and_depth() {
+        for (width_m, thickness_m, k) in [
+            (0.01, 0.04, 1.0),
+            (0.1, 0.1, 20.0),
+            (0.9, 0.04, 90.0),
+            (0.4, 0.3, 73.0),
+            (0.9, 0.008, 50.0),
+            (0.9, 0.3, 180.0),
+        ] {
+            let opening = [[-0.5 * width_m, 0.5 * width_m]];
+            let [few, many] = [1, 2].map(|finer| ThickAperture::finer(&opening, thickness_m, k, finer));
+            let near = Crossing {
+                incident: Incident::Line { x_m: 0.4 * width_m, z_m: 0.5 * thickness_m + 0.02 * width_m },
+                x_m: 1.0,
+                z_m: 2.0,
+            };
+            let (a, b) = (few.transfer(&near), many.transfer(&near));
+            assert!((a - b).norm() < 1e-3 * b.norm(), "{width_m} {thickness_m} {k}: {a} {b}");
+            for sine in [0.0, 0.5, 0.95] {
+                let [a, b] = [&few, &many].map(|aperture| aperture.far_amplitude(sine, &[-0.3, 0.9]));
+                let scale = width_m * (k * width_m).sqrt().min(1.0);
+                for (a, b) in a.iter().zip(&b) {
+                    assert!(
+                        (a - b).norm() < 1e-4 * scale.max(b.norm()),
+                        "{width_m} {thickness_m} {k}, {sine}: {a} {b}"
+                    );
+                }
+            }
+        }
     }
 }
