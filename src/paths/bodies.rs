@@ -9,7 +9,7 @@ use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 
-use super::{Early, Prepared, tidy};
+use super::{Early, NEGLIGIBLE, Prepared, tidy};
 use crate::geometry::{Geometry, Skip};
 use crate::probe::EarlyPath;
 use crate::scene::{Scene, SourceKind};
@@ -107,7 +107,7 @@ pub(super) fn weighted(prepared: &Prepared<'_>, full: Vec<Early>) -> Vec<Early> 
         }
     }
     for early in &mut blended {
-        early.paths = tidy(std::mem::take(&mut early.paths));
+        early.paths = tidy(std::mem::take(&mut early.paths), NEGLIGIBLE);
     }
     blended
 }

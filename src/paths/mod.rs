@@ -81,6 +81,8 @@ pub struct Prepared<'a> {
     nodes: Vec<Nodes>,
     gaps: Vec<Gap>,
     estimated: f64,
+    /// Share of the strongest path of a pair below which paths are dropped.
+    negligible: f64,
 }
 
 /// All deterministic paths, one list for every (source, probe), sources slowest.
@@ -97,12 +99,22 @@ impl<'a> Prepared<'a> {
             scene.bands.iter().map(|b| Spectrum::new(b, scene.air.speed_of_sound_m_s)).collect();
         let gaps = if scene.simulation.diffraction_order > 0 { Gap::find(scene, geometry) } else { Vec::new() };
         let nodes = Nodes::of(&spectra);
-        Self { scene, geometry, order: reflection_order, nodes, spectra, gaps, estimated: ESTIMATED }
+        Self {
+            scene,
+            geometry,
+            order: reflection_order,
+            nodes,
+            spectra,
+            gaps,
+            estimated: ESTIMATED,
+            negligible: NEGLIGIBLE,
+        }
     }
 
-    /// With this share of the sum through an opening up to which its weakest ways are only estimated, instead of 1 %.
+    /// For what every single path is like: with this share of the sum through an opening up to which its weakest ways are only
+    /// estimated, instead of 1 %, and with the faintest of paths.
     fn estimating(self, share: f64) -> Self {
-        Self { estimated: share, ..self }
+        Self { estimated: share, negligible: 0.0, ..self }
     }
 
     /// Drops what is known of single sources and probes: only what belongs to the openings themselves is kept.
@@ -195,7 +207,7 @@ impl<'a> Prepared<'a> {
         } else {
             (0..pair.spectra.len()).map(|b| paths.iter().map(|p| p.intensity[b]).sum()).collect()
         };
-        Early { paths: tidy(paths), intensity }
+        Early { paths: tidy(paths, self.negligible), intensity }
     }
 }
 
@@ -224,11 +236,11 @@ fn line_scale(source: &Source, receiver: DVec3, k: f64) -> f64 {
     }
 }
 
-/// Drops what no band hears and sorts by arrival.
-fn tidy(paths: Vec<EarlyPath>) -> Vec<EarlyPath> {
+/// Drops what no band hears, up to the share `negligible` of the strongest, and sorts by arrival.
+fn tidy(paths: Vec<EarlyPath>, negligible: f64) -> Vec<EarlyPath> {
     let strongest = paths.iter().flat_map(|p| &p.intensity).fold(0.0_f64, |a, b| a.max(*b));
     let mut kept: Vec<EarlyPath> =
-        paths.into_iter().filter(|p| p.intensity.iter().any(|i| *i > NEGLIGIBLE * strongest)).collect();
+        paths.into_iter().filter(|p| p.intensity.iter().any(|i| *i > negligible * strongest)).collect();
     kept.sort_by(|a, b| a.delay_s.total_cmp(&b.delay_s));
     kept
 }
