@@ -340,14 +340,11 @@ fn levels_do_not_jump_where_a_rectangle_becomes_wide_enough_to_count_as_thin() {
 
 #[test]
 fn levels_do_not_jump_where_the_opening_of_a_corner_is_no_longer_as_narrow() {
-    // From k times width 14 to 18: up to 17 the corner's own opening is as narrow, always as deep as the wall.
-    // In the wall of 0.3 m the exact rectangle itself changes by 0.18 dB beyond its trend over 4 mm, and the few wave numbers of its
-    // reveals and corners make that 1.1 dB (docs/verification.md): steps of 0.5 mm there, in which nothing jumps.
-    for (thickness_m, height_m, hz, from_m, step_m, count) in [
-        (0.1, 2.0, 2000.0, 0.36, 0.004, 26),
-        (0.3, 2.0, 2000.0, 0.36, 0.0005, 208),
-        (0.1, 0.9, 2000.0, 0.36, 0.004, 26),
-    ] {
+    // From k times width 14 to 18: between 14.5 and 16.9 a square opening takes over from one as narrow, always as deep as the wall.
+    // In the wall of 0.3 m the exact rectangle itself changes by 0.18 dB beyond its trend over 4 mm, these by 0.22: steps of 1 mm there.
+    for (thickness_m, height_m, hz, from_m, step_m, count) in
+        [(0.1, 2.0, 2000.0, 0.36, 0.004, 26), (0.3, 2.0, 2000.0, 0.36, 0.001, 104), (0.1, 0.9, 2000.0, 0.36, 0.004, 26)]
+    {
         let opening = |i: i32| rectangle(from_m + step_m * f64::from(i), height_m, thickness_m, hz);
         let sweep: Vec<Rectangle> = (0..=count).map(opening).collect();
         for (before, behind) in
@@ -457,8 +454,8 @@ fn reveals_of_wide_openings_reflect_as_the_exact_rectangle_says() {
             }
         }
     }
-    single.assert_within("one plane", [0.2, 1.0, 2.5]);
-    both.assert_within("both planes", [0.9, 2.7, 5.0]);
+    single.assert_within("one plane", [0.2, 0.9, 2.5]);
+    both.assert_within("both planes", [0.7, 2.3, 4.0]);
     // The depth is what counts there: edges of a thin wall are ten times as far off.
     assert!(thin.quantile(0.5) > 0.8 && thin.quantile(0.9) > 8.0, "{} {}", thin.quantile(0.5), thin.quantile(0.9));
 }
@@ -479,7 +476,7 @@ fn tall_openings_in_thick_walls_tend_to_the_deep_slit() {
             }
         }
     }
-    errors.assert_within("tall openings", [0.25, 1.0, 3.2]);
+    errors.assert_within("tall openings", [0.05, 0.3, 1.0]);
 }
 
 #[test]

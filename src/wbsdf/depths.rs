@@ -21,18 +21,12 @@ struct Depth {
 }
 
 impl Depths {
-    /// The opening `x_m` by `y_m` (finite limits in m) at `depths`, one or two: shares, which sum to 1, and depths in m (0: thin).
-    /// `count`: of the wave numbers at each depth, instead of as many as it asks for.
-    pub(super) fn new(
-        x_m: [f64; 2],
-        y_m: [f64; 2],
-        depths: &[(f64, f64)],
-        spectrum: &Spectrum,
-        count: Option<usize>,
-    ) -> Self {
-        let depth = |&(share, depth_m): &(f64, f64)| {
+    /// The opening `x_m` by `y_m` (finite limits in m) at `depths`: shares, which sum to 1, depths in m (0: thin), and the number of
+    /// wave numbers; `None`: as many as it asks for.
+    pub(super) fn new(x_m: [f64; 2], y_m: [f64; 2], depths: &[(f64, f64, Option<usize>)], spectrum: &Spectrum) -> Self {
+        let depth = |&(share, depth_m, count): &(f64, f64, Option<usize>)| {
             let panels = match count {
-                Some(count) => Panels::new(vec![([spectrum.low_k(), spectrum.high_k()], count)]),
+                Some(count) => Panels::even([spectrum.low_k(), spectrum.high_k()], count),
                 None => wave_numbers(x_m[1] - x_m[0], y_m[1] - y_m[0], depth_m, spectrum),
             };
             Depth { share, hatch: Hatch::new(x_m, y_m, depth_m, &panels.nodes()), panels }

@@ -22,7 +22,7 @@ use super::mask::{Jambs, Mask};
 use super::product::paraxial_intensity;
 use super::rim::{Field, NARROW_SIDE_KA, Rim, facing, narrowest_m, only, shortest_over, span};
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, resonant};
-use super::thick::{deep_share, depths, shared};
+use super::thick::{deep_share, depths};
 use super::timed::{Cost, Timed};
 
 /// k times width of both sides up to which traced rays meet a small hole.
@@ -37,9 +37,14 @@ pub(super) const NARROW_KA: f64 = 5.0;
 const TABLE_UNKNOWNS: f64 = 120.0;
 /// Unknowns of the smaller opening that stands for a corner: k times the side 17.
 const CORNER_UNKNOWNS: f64 = 210.0;
-/// Wave numbers of one that is deep, which is solved for every band: more change levels by less than the form is wrong, and a number
-/// that changes with width or depth makes steps.
-const DEEP_CORNER_WAVE_NUMBERS: usize = 12;
+/// Wave numbers of one that is deep and square, evenly spaced: more change levels by less than the form is wrong.
+const SQUARE_WAVE_NUMBERS: usize = 16;
+/// Wave numbers of one that is as narrow as the opening itself over k times its depth, and the most: across these sound resonates, and
+/// the level varies with the width.
+const SLENDER_WAVE_NUMBERS: f64 = 4.1;
+const MOST_WAVE_NUMBERS: f64 = 48.0;
+/// k times the narrower side between which a square one takes over from it.
+const CORNER_NARROW: [f64; 2] = [14.5, 16.9];
 /// Distances of the farther of source and receiver from the opening, in longer sides, between which the exact rectangle
 /// takes over from the edges: its functions do not resolve the field between two points that are nearer.
 const EXACT_FROM: [f64; 2] = [0.08, 0.16];
@@ -93,11 +98,9 @@ pub struct Rectangle {
     sources: Known<Vec<Driven>>,
     receivers: Known<Vec<View>>,
     rim: Timed<Rim>,
-    /// An opening of the same corners that is small enough to be solved exactly, and what is known of points about it.
-    corner: Timed<Arc<Corner>>,
-    corner_sources: Known<Vec<Driven>>,
-    corner_receivers: Known<Vec<View>>,
-    corners: Arc<Corners>,
+    /// Openings of the same corners that are small enough to be solved exactly.
+    corners: Timed<Vec<Small>>,
+    shared: Arc<Corners>,
     /// The openings one by one where there are several.
     parts: Vec<Self>,
 }
@@ -139,13 +142,39 @@ impl Corners {
         }
         let limits = sides.map(|side| [-0.5 * side, 0.5 * side]);
         let tone = spectrum.high_k() <= spectrum.low_k();
-        let count = (deep > 0.0).then_some(if tone { 1 } else { DEEP_CORNER_WAVE_NUMBERS });
-        let exact = Depths::new(limits[0], limits[1], &shared(deep, thickness), spectrum, count);
+        let square = (sides[0] - sides[1]).abs() <= 1e-6 * sides[0];
+        let count = match (tone, square) {
+            (true, _) => 1,
+            (_, true) => SQUARE_WAVE_NUMBERS,
+            _ => (SLENDER_WAVE_NUMBERS * depth).clamp(SQUARE_WAVE_NUMBERS as f64, MOST_WAVE_NUMBERS).round() as usize,
+        };
+        let depths = [(deep, depth, Some(count)), (1.0 - deep, 0.0, None)];
+        let depths: Vec<_> = depths.into_iter().filter(|(share, ..)| *share > 0.0).collect();
+        let exact = Depths::new(limits[0], limits[1], &depths, spectrum);
         let [x, y] = limits.map(|limits| Mask::new(&[limits]));
         let rim = Rim::new(&x, &y, (deep, depth), spectrum);
         let new = Arc::new(Corner { sides, depth, deep, spectrum: *spectrum, exact, x, y, rim });
         all.push(Arc::clone(&new));
         new
+    }
+}
+
+/// One that stands for the corners of an opening, with its share, and what it knows of points about it.
+struct Small {
+    share: f64,
+    corner: Arc<Corner>,
+    sources: Known<Vec<Driven>>,
+    receivers: Known<Vec<View>>,
+}
+
+impl Small {
+    /// What the corner changes of the intensity that its edges send between these points, in its frame.
+    fn change(&self, [source, receiver]: [DVec3; 2]) -> f64 {
+        let Corner { x, y, rim, exact, spectrum, .. } = &*self.corner;
+        let edges = rim.intensity(&Field::new(x, y, [source, receiver], spectrum));
+        let driven = self.sources.of(source, || exact.driven(source));
+        let seen = self.receivers.of(receiver, || exact.view(receiver));
+        if edges > 0.0 { exact.intensity(&driven, &seen) / edges } else { 1.0 }
     }
 }
 
@@ -188,8 +217,11 @@ impl Rectangle {
         let exact = only(x).zip(only(y)).and_then(|(x_m, y_m)| {
             let (width, height) = (x_m[1] - x_m[0], y_m[1] - y_m[0]);
             let few = matches!(Sides::of(width, height, spectrum), Sides::Exact | Sides::SmallHole);
-            (few && jambs == Jambs::Rigid)
-                .then(|| Depths::new(x_m, y_m, &depths(width.min(height), thickness_m), spectrum, None))
+            (few && jambs == Jambs::Rigid).then(|| {
+                let depths = depths(width.min(height), thickness_m);
+                let all: Vec<_> = depths.into_iter().map(|(share, depth_m)| (share, depth_m, None)).collect();
+                Depths::new(x_m, y_m, &all, spectrum)
+            })
         });
         let several = x.openings().len() > 1;
         let part = |o: &[f64; 2]| Self::new(&Mask::new(&[*o]), y, thickness_m, spectrum, jambs);
@@ -204,10 +236,8 @@ impl Rectangle {
             sources: Known::default(),
             receivers: Known::default(),
             rim: Timed::default(),
-            corner: Timed::default(),
-            corner_sources: Known::default(),
-            corner_receivers: Known::default(),
-            corners: Arc::default(),
+            corners: Timed::default(),
+            shared: Arc::default(),
             parts,
         }
     }
@@ -215,7 +245,7 @@ impl Rectangle {
     /// The same with the corners' small openings taken from, and left for, `corners`.
     pub fn sharing(self, corners: &Arc<Corners>) -> Self {
         let parts = self.parts.into_iter().map(|part| part.sharing(corners)).collect();
-        Self { corners: Arc::clone(corners), parts, ..self }
+        Self { shared: Arc::clone(corners), parts, ..self }
     }
 
     /// Intensity at `receiver` of a point source at `source` through the opening, relative to the free field at 1 m, band
@@ -292,21 +322,35 @@ impl Rectangle {
         if alone == 0.0 {
             return 1.0;
         }
-        let small = self.corner.get_or_make(|| {
-            let small = solvable(sides, k, CORNER_UNKNOWNS);
-            let Spectrum { low_hz, high_hz, speed_m_s } = self.spectrum;
-            let spectrum = Spectrum { low_hz, high_hz, speed_m_s: k * speed_m_s };
-            self.corners.of(small.map(|side| k * side), (self.deep(), k * self.thickness_m), &spectrum)
-        });
-        let half = small.sides.map(|side| 0.5 * side / k);
-        let inward = |at: f64, limits: [f64; 2], half: f64| if at == limits[0] { at + half } else { at - half };
-        let middle = DVec3::new(inward(corner.x, x_m, half[0]), inward(corner.y, y_m, half[1]), 0.0);
-        let [source, receiver] = [source, receiver].map(|point| k * (point - middle));
-        let edges = small.rim.intensity(&Field::new(&small.x, &small.y, [source, receiver], &small.spectrum));
-        let driven = self.corner_sources.of(source, || small.exact.driven(source));
-        let seen = self.corner_receivers.of(receiver, || small.exact.view(receiver));
-        let exact = small.exact.intensity(&driven, &seen);
-        if edges > 0.0 { alone * exact / edges + 1.0 - alone } else { 1.0 }
+        let smalls = self.corners.get_or_make(|| self.smalls(sides, k));
+        let change = |small: &Small| {
+            let half = small.corner.sides.map(|side| 0.5 * side / k);
+            let inward = |at: f64, limits: [f64; 2], half: f64| if at == limits[0] { at + half } else { at - half };
+            let middle = DVec3::new(inward(corner.x, x_m, half[0]), inward(corner.y, y_m, half[1]), 0.0);
+            small.share * small.change([source, receiver].map(|point| k * (point - middle)))
+        };
+        alone * smalls.iter().map(change).sum::<f64>() + 1.0 - alone
+    }
+
+    /// The openings that stand for its corners: as narrow as it is itself, and through thick walls a square one where it is about as
+    /// wide.
+    fn smalls(&self, sides: [f64; 2], k: f64) -> Vec<Small> {
+        let Spectrum { low_hz, high_hz, speed_m_s } = self.spectrum;
+        let spectrum = Spectrum { low_hz, high_hz, speed_m_s: k * speed_m_s };
+        let small = |share: f64, sides: [f64; 2]| Small {
+            share,
+            corner: self.shared.of(sides.map(|side| k * side), (self.deep(), k * self.thickness_m), &spectrum),
+            sources: Known::default(),
+            receivers: Known::default(),
+        };
+        let own = solvable(sides, k, CORNER_UNKNOWNS);
+        let narrow = fade(k * own[0].min(own[1]), CORNER_NARROW);
+        if self.deep() == 0.0 || narrow == 1.0 {
+            return vec![small(1.0, own)];
+        }
+        let longer = sides[0].max(sides[1]);
+        let square = small(1.0 - narrow, solvable([longer; 2], k, CORNER_UNKNOWNS));
+        if narrow > 0.0 { vec![small(narrow, own), square] } else { vec![square] }
     }
 
     /// The corner over which the shortest way leads, and by how much in m it is longer than over the edges without ends.
@@ -349,14 +393,14 @@ impl Rectangle {
     /// The frequencies at which it is solved exactly, and the seconds that its edges and its corners' small openings took.
     pub fn cost(&self) -> Cost {
         let frequencies = self.exact.as_ref().map_or(0, Depths::frequencies);
-        let own = Cost { frequencies, seconds: self.rim.seconds() + self.corner.seconds() };
+        let own = Cost { frequencies, seconds: self.rim.seconds() + self.corners.seconds() };
         [own].into_iter().chain(self.parts.iter().map(Self::cost)).sum()
     }
 
     /// Drops what it knows of the points it has met.
     pub fn forget_points(&self) {
         self.sources.all().clear();
-        self.corner_sources.all().clear();
+        self.corners.get().into_iter().flatten().for_each(|small| small.sources.all().clear());
         self.forget_receivers();
         self.parts.iter().for_each(Self::forget_points);
     }
@@ -364,7 +408,7 @@ impl Rectangle {
     /// Gives the memory back that is kept for receivers met so far; those of the sources stay.
     pub fn forget_receivers(&self) {
         self.receivers.all().clear();
-        self.corner_receivers.all().clear();
+        self.corners.get().into_iter().flatten().for_each(|small| small.receivers.all().clear());
         self.parts.iter().for_each(Self::forget_receivers);
     }
 
