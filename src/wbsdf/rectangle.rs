@@ -6,7 +6,7 @@
 //! the same corner, small enough to be solved exactly. There the edges' intensity is multiplied by the ratio of the exact solution to
 //! the edges of that smaller opening.
 //!
-//! Through a thick wall the corner's opening is as deep as the wall, and what depth changes across either side stands in reveals.rs.
+//! Through a thick wall the corner's opening is as deep as the wall, and what depth changes across either side stands in wide_side.rs.
 
 use std::cell::OnceCell;
 use std::collections::HashMap;
@@ -393,7 +393,8 @@ impl Rectangle {
     /// The frequencies at which it is solved exactly, and the seconds that its edges and its corners' small openings took.
     pub fn cost(&self) -> Cost {
         let frequencies = self.exact.as_ref().map_or(0, Depths::frequencies);
-        let own = Cost { frequencies, seconds: self.rim.seconds() + self.corners.seconds() };
+        let sides = self.rim.get().map_or(0.0, Rim::seconds);
+        let own = Cost { frequencies, seconds: self.rim.seconds() + sides + self.corners.seconds() };
         [own].into_iter().chain(self.parts.iter().map(Self::cost)).sum()
     }
 

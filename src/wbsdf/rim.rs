@@ -5,7 +5,7 @@
 //! opposite jambs in turn are the waves of two_edges.rs over both of them, which fade where that way passes beside their
 //! ends; where a side is narrow, the transfer of the slit of that width by the exact aperture over the sum of its two edges alone, both
 //! between source and receiver at the distances that the shortest way has when it is unfolded. What depth changes across wide sides
-//! stands in reveals.rs. The corners themselves stay out: see rectangle.rs.
+//! stands in wide_side.rs. The corners themselves stay out: see rectangle.rs.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::Arc;
@@ -17,12 +17,12 @@ use super::aperture::Aperture;
 use super::crossing::{Crossing, Incident, Spectrum};
 use super::edge::AboutEdge;
 use super::mask::Mask;
-use super::reveals::Reveals;
 use super::series::Panels;
 use super::slit::{MOST_FREQUENCIES, fade, gauss_nodes, least_nodes, resonant, standing};
 use super::thick::{ThickAperture, blended};
 use super::two_edges::Run;
 use super::wedge::{Between, Wave, WedgeField, free_wave};
+use super::wide_side::WideSide;
 
 /// k times width from which the exact aperture across a side loses its weight, and at which it has none.
 pub(super) const NARROW_SIDE_KA: [f64; 2] = [8.0, 12.0];
@@ -39,10 +39,8 @@ pub(super) struct Rim {
     panels: Panels,
     across_x: Option<NarrowSide>,
     across_y: Option<NarrowSide>,
-    /// Across x and y where they are wide and deep.
-    reveals: [Option<Reveals>; 2],
-    /// Share of the depth.
-    deep: f64,
+    /// Across x and y where they are wide.
+    wide: [Option<WideSide>; 2],
 }
 
 /// The share of a narrow side, and at the nodes the weight, the exact transfer and that of the two edges alone, both relative to the
@@ -224,49 +222,49 @@ impl Rim {
         };
         let (across_x, across_y) = (side(x, shares[0]), side(y, shares[1]));
         let alone = [x, y].iter().all(|mask| mask.openings().len() == 1);
-        let reveals = [(x, shares[0]), (y, shares[1])].map(|(mask, narrow)| {
-            let limits = only(mask).filter(|_| alone && deep > 0.0 && narrow < 1.0);
-            limits.map(|limits| Reveals::new(limits, thickness_m, spectrum))
+        let wide = [(x, shares[0]), (y, shares[1])].map(|(mask, narrow)| {
+            let limits = only(mask).filter(|_| alone && narrow < 1.0);
+            limits.map(|limits| WideSide::new(limits, (deep, thickness_m), spectrum))
         });
-        Self { x: x.clone(), y: y.clone(), spectrum: *spectrum, nodes, panels, across_x, across_y, reveals, deep }
+        Self { x: x.clone(), y: y.clone(), spectrum: *spectrum, nodes, panels, across_x, across_y, wide }
     }
 
     /// Intensity of a point source, relative to the free field at 1 m, where the edges send `field`.
     pub(super) fn intensity(&self, field: &Field) -> f64 {
-        self.with(self.deeper(field.source, field.receiver), field)
+        self.with(self.changes(field.source, field.receiver), field)
     }
 
-    /// The same with the wide sides as thin as their edges.
+    /// The same of wide sides as their edges have it.
     pub(super) fn intensity_of_edges(&self, field: &Field) -> f64 {
         self.with([1.0; 2], field)
     }
 
-    /// The same where depth multiplies what passes wide sides by `deeper`.
-    fn with(&self, deeper: [f64; 2], field: &Field) -> f64 {
+    /// The same where what passes wide sides is multiplied by `wide`.
+    fn with(&self, wide: [f64; 2], field: &Field) -> f64 {
         let single = field.mean(&self.spectrum, self.twice_shares());
-        let change = |(narrow, deeper): (Option<Changes>, f64)| {
-            let Some((share, changes)) = narrow else { return deeper };
+        let change = |(narrow, wide): (Option<Changes>, f64)| {
+            let Some((share, changes)) = narrow else { return wide };
             let mean = |of: &dyn Fn(&(f64, Complex64, Complex64)) -> f64| changes.iter().map(of).sum::<f64>();
             let (exact, single) = (mean(&|c| c.0 * c.1.norm_sqr()), mean(&|c| c.0 * c.2.norm_sqr()));
-            if single > 0.0 { share * exact / single + (1.0 - share) * deeper } else { 1.0 }
+            if single > 0.0 { share * exact / single + (1.0 - share) * wide } else { 1.0 }
         };
         let sides = self.narrow_sides(field.source, field.receiver);
-        sides.into_iter().zip(deeper).map(change).product::<f64>() * single
+        sides.into_iter().zip(wide).map(change).product::<f64>() * single
     }
 
-    /// The same as a pressure at any wave number of the band, and by how much in m its ways differ at most. Reveals give it its
-    /// modulus, not their phase.
+    /// The same as a pressure at any wave number of the band, and by how much in m its ways differ at most. What wide sides
+    /// change of its edges has no phase.
     pub(super) fn pressure(&self, field: &Arc<Field>) -> (impl Fn(f64) -> Complex64 + Send + Sync + use<>, f64) {
-        let deeper = self.deeper(field.source, field.receiver).map(f64::sqrt);
+        let wide = self.changes(field.source, field.receiver).map(f64::sqrt);
         let mut scale = 1.0;
         let mut changes = Vec::new();
-        for (narrow, deeper) in self.narrow_sides(field.source, field.receiver).into_iter().zip(deeper) {
+        for (narrow, wide) in self.narrow_sides(field.source, field.receiver).into_iter().zip(wide) {
             let Some((share, narrow)) = narrow else {
-                scale *= deeper;
+                scale *= wide;
                 continue;
             };
             let value =
-                |(_, exact, single): &(f64, Complex64, Complex64)| share * exact / single + (1.0 - share) * deeper;
+                |(_, exact, single): &(f64, Complex64, Complex64)| share * exact / single + (1.0 - share) * wide;
             changes.push(self.panels.through(&narrow.iter().map(value).collect::<Vec<_>>()));
         }
         let shares = self.twice_shares();
@@ -277,9 +275,9 @@ impl Rim {
         )
     }
 
-    /// What the reveals across x and across y multiply the intensity by: 1 in a thin wall.
-    fn deeper(&self, source: DVec3, receiver: DVec3) -> [f64; 2] {
-        if self.reveals.iter().all(Option::is_none) {
+    /// What the wide sides across x and across y multiply the intensity by.
+    fn changes(&self, source: DVec3, receiver: DVec3) -> [f64; 2] {
+        if self.wide.iter().all(Option::is_none) {
             return [1.0; 2];
         }
         let (source, receiver) = facing(source, receiver);
@@ -287,11 +285,14 @@ impl Rim {
         let (Some([x, y]), Some(over)) = (unfolded, shortest_over(source, receiver, &self.x, &self.y)) else {
             return [1.0; 2];
         };
-        let ratio = |(reveals, crossing, over_m): (&Option<Reveals>, Crossing, f64)| {
-            reveals.as_ref().map_or(1.0, |reveals| self.deep * reveals.ratio(over_m, &crossing) + 1.0 - self.deep)
-        };
-        let [across_x, across_y] = &self.reveals;
-        [(across_x, x, over.x), (across_y, y, over.y)].map(ratio)
+        let [across_x, across_y] = self.wide.each_ref().map(Option::as_ref);
+        [(across_x, x, over.x), (across_y, y, over.y)]
+            .map(|(side, crossing, over_m)| side.map_or(1.0, |side| side.ratio(over_m, &crossing)))
+    }
+
+    /// Seconds that slits took which only some ways asked for.
+    pub(super) fn seconds(&self) -> f64 {
+        self.wide.iter().flatten().map(WideSide::seconds).sum()
     }
 
     /// What the sides that are not narrow leave to waves from jamb to opposite jamb, across x and across y.
