@@ -33,8 +33,8 @@ fn octave_levels_behind_a_gap_of_any_width_and_depth_are_exact_within_0_2_db() {
     for row in table("thick_slits") {
         errors.add(level(&room(&row)), row.number("level_db"));
     }
-    // All 5376 levels of the full table: 0.0001 / 0.004 / 0.15 dB.
-    errors.assert_within("thick slits", [0.001, 0.03, 0.2]);
+    // All 5376 levels of the full table: 0.0000 / 0.0008 / 0.10 dB, where its 64 frequencies see too little of a resonance.
+    errors.assert_within("thick slits", [0.001, 0.01, 0.15]);
 }
 
 /// Level of a tone 2 m behind a slit of `width_m` in a wall, point source 2 m before it and 0.5 m beside it.
@@ -145,5 +145,5 @@ fn deep_slits_have_the_frequencies_that_waves_standing_across_them_ask_for() {
             }
         }
     }
-    errors.assert_within("deep slits", [0.01, 0.03, 0.15]);
+    errors.assert_within("deep slits", [0.002, 0.01, 0.05]);
 }
