@@ -22,8 +22,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::num::NonZeroUsize;
 use std::sync::Arc;
 
-use gauss_quad::FiniteAboveNegOneF64;
-use gauss_quad::GaussJacobi;
+use gauss_quad::{FiniteAboveNegOneF64, GaussJacobi};
 use nalgebra::{DMatrix, DMatrixView};
 use num_complex::Complex64;
 
@@ -276,6 +275,7 @@ impl Functions {
         Self { places, resolved }
     }
 
+    /// Places of the unknowns: shares of the width from the low and from the high jamb.
     pub(super) fn places(&self) -> &[[f64; 2]] {
         &self.places
     }
