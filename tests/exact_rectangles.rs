@@ -289,6 +289,20 @@ fn rectangle(width_m: f64, height_m: f64, depth_m: f64, hz: f64) -> Rectangle {
     Rectangle::new(&mask(width_m), &mask(height_m), depth_m, &octave(hz), Jambs::Rigid)
 }
 
+/// The same solved exactly, at `count` wave numbers.
+fn solved(width_m: f64, height_m: f64, depth_m: f64, hz: f64, count: i32) -> Hatch {
+    let spectrum = octave(hz);
+    let [low, high] = [spectrum.low_k(), spectrum.high_k()];
+    let node = |i: i32| (low + (high - low) * (f64::from(i) + 0.5) / f64::from(count), 1.0 / f64::from(count));
+    let limits = |width_m: f64| [-0.5 * width_m, 0.5 * width_m];
+    Hatch::new(limits(width_m), limits(height_m), depth_m, &(0..count).map(node).collect::<Vec<_>>())
+}
+
+/// The level in dB that it passes.
+fn passed(exact: &Hatch, source: DVec3, receiver: DVec3) -> f64 {
+    10.0 * exact.intensity(&exact.driven(&exact.view(source)), &exact.view(receiver)).log10()
+}
+
 fn octave(hz: f64) -> Spectrum {
     Spectrum { low_hz: hz / 2f64.sqrt(), high_hz: hz * 2f64.sqrt(), speed_m_s: 343.0 }
 }
@@ -373,21 +387,15 @@ fn deep_rectangles_have_the_wave_numbers_that_waves_standing_across_them_ask_for
     for (height_m, depth_m, hz, from_m, step_m) in
         [(0.3, 0.3, 2000.0, 0.14, 0.0028), (0.9, 0.3, 2000.0, 0.15, 0.0056), (0.3, 0.3, 1000.0, 0.19, 0.0056)]
     {
-        let spectrum = octave(hz);
-        let [low, high] = [spectrum.low_k(), spectrum.high_k()];
-        let nodes: Vec<(f64, f64)> =
-            (0..400).map(|i| (low + (high - low) * (f64::from(i) + 0.5) / 400.0, 1.0 / 400.0)).collect();
         let mut sweeps = vec![Vec::new(); directions.len()];
         for i in 0..8 {
             let width_m = from_m + step_m * f64::from(i);
             let opening = rectangle(width_m, height_m, depth_m, hz);
-            let limits = |width_m: f64| [-0.5 * width_m, 0.5 * width_m];
-            let exact = Hatch::new(limits(width_m), limits(height_m), depth_m, &nodes);
+            let exact = solved(width_m, height_m, depth_m, hz, 400);
             for (sweep, (before, behind)) in sweeps.iter_mut().zip(directions) {
                 let (source, receiver) = (off_normal(3.0, before, -1.0), off_normal(4.0, behind, 1.0));
-                let exact = exact.intensity(&exact.driven(&exact.view(source)), &exact.view(receiver));
                 let got = 10.0 * opening.intensity(source, receiver).log10();
-                errors.add(got, 10.0 * exact.log10());
+                errors.add(got, passed(&exact, source, receiver));
                 sweep.push(got);
             }
         }
@@ -434,20 +442,14 @@ fn in_both_planes() -> Pairs {
 fn reveals_of_wide_openings_reflect_as_the_exact_rectangle_says() {
     let (mut single, mut both, mut thin) = (Errors::default(), Errors::default(), Errors::default());
     for (width_m, height_m, hz, count) in [(0.9, 2.0, 1000.0, 40), (0.3, 2.0, 2000.0, 56), (0.4, 0.6, 4000.0, 48)] {
-        let spectrum = octave(hz);
-        let [low, high] = [spectrum.low_k(), spectrum.high_k()];
-        let at = |i: i32| low + (high - low) * (f64::from(i) + 0.5) / f64::from(count);
-        let nodes: Vec<(f64, f64)> = (0..count).map(|i| (at(i), 1.0 / f64::from(count))).collect();
-        let limits = |width_m: f64| [-0.5 * width_m, 0.5 * width_m];
         let flat = rectangle(width_m, height_m, 0.0, hz);
         for depth_m in [0.04, 0.1, 0.3] {
             let opening = rectangle(width_m, height_m, depth_m, hz);
-            let exact = Hatch::new(limits(width_m), limits(height_m), depth_m, &nodes);
+            let exact = solved(width_m, height_m, depth_m, hz, count);
             for (errors, pairs) in [(&mut single, in_one_plane()), (&mut both, in_both_planes())] {
                 for (r_s, before, r, behind) in pairs {
                     let (source, receiver) = (off_normal(r_s, before, -1.0), off_normal(r, behind, 1.0));
-                    let expected = exact.intensity(&exact.driven(&exact.view(source)), &exact.view(receiver));
-                    let expected = 10.0 * expected.log10();
+                    let expected = passed(&exact, source, receiver);
                     errors.add(10.0 * opening.intensity(source, receiver).log10(), expected);
                     thin.add(10.0 * flat.intensity(source, receiver).log10(), expected);
                 }
@@ -526,39 +528,30 @@ fn thin_rectangles_at_random_are_those_solved_exactly() {
     };
     let (mut within, mut beyond) = (Errors::default(), Errors::default());
     for hz in [1000.0, 2000.0] {
-        let spectrum = octave(hz);
-        let [low, high] = [spectrum.low_k(), spectrum.high_k()];
-        let node = |i: i32| (low + (high - low) * (f64::from(i) + 0.5) / 40.0, 1.0 / 40.0);
-        let nodes: Vec<(f64, f64)> = (0..40).map(node).collect();
+        let k = 0.5 * (octave(hz).low_k() + octave(hz).high_k());
         for _ in 0..40 {
-            let [width_m, height_m] = [(6.0, 30.0), (20.0, 45.0)].map(|(a, b)| between(a, b) / (0.5 * (low + high)));
-            let limits = |width_m: f64| [-0.5 * width_m, 0.5 * width_m];
-            let exact = Hatch::new(limits(width_m), limits(height_m), 0.0, &nodes);
+            let [width_m, height_m] = [(6.0, 30.0), (20.0, 45.0)].map(|(a, b)| between(a, b) / k);
+            let exact = solved(width_m, height_m, 0.0, hz, 40);
             let opening = rectangle(width_m, height_m, 0.0, hz);
             for _ in 0..16 {
                 let [before, behind] = [0; 2].map(|_| [between(-85.0, 85.0), between(-85.0, 85.0)]);
                 let source = off_normal(between(1.0, 4.0), before, -1.0);
                 let receiver = off_normal(between(1.0, 4.0), behind, 1.0);
-                let expected = exact.intensity(&exact.driven(&exact.view(source)), &exact.view(receiver));
                 let steep = before.iter().chain(&behind).all(|degrees| degrees.abs() < 75.0);
                 let errors = if steep { &mut within } else { &mut beyond };
-                errors.add(10.0 * opening.intensity(source, receiver).log10(), 10.0 * expected.log10());
+                errors.add(10.0 * opening.intensity(source, receiver).log10(), passed(&exact, source, receiver));
             }
         }
     }
-    within.assert_within("within 75 degrees", [0.02, 0.15, 0.9]);
-    beyond.assert_within("beyond", [0.05, 0.35, 4.0]);
+    within.assert_within("within 75 degrees", [0.02, 0.15, 0.7]);
+    beyond.assert_within("beyond", [0.05, 0.35, 2.5]);
 }
 
 #[test]
 fn sound_that_runs_along_an_opening_of_a_few_wavelengths_crosses_it_more_than_twice() {
-    let spectrum = octave(2000.0);
-    let [low, high] = [spectrum.low_k(), spectrum.high_k()];
-    let node = |i: i32| (low + (high - low) * (f64::from(i) + 0.5) / 40.0, 1.0 / 40.0);
-    let nodes: Vec<(f64, f64)> = (0..40).map(node).collect();
     let mut errors = Errors::default();
     for width_m in [0.2, 0.24, 0.28, 0.32, 0.36, 0.42, 0.5, 0.6] {
-        let exact = Hatch::new([-0.5 * width_m, 0.5 * width_m], [-0.6, 0.6], 0.0, &nodes);
+        let exact = solved(width_m, 1.2, 0.0, 2000.0, 40);
         let opening = rectangle(width_m, 1.2, 0.0, 2000.0);
         for (before, behind) in [
             ([75.0, 0.0], [-75.0, 0.0]),
@@ -567,8 +560,10 @@ fn sound_that_runs_along_an_opening_of_a_few_wavelengths_crosses_it_more_than_tw
             ([75.0, 20.0], [-75.0, 10.0]),
         ] {
             let (source, receiver) = (off_normal(3.0, before, -1.0), off_normal(4.0, behind, 1.0));
-            let expected = exact.intensity(&exact.driven(&exact.view(source)), &exact.view(receiver));
-            errors.add(10.0 * opening.intensity(source, receiver).log10(), 10.0 * expected.log10());
+            let got = opening.intensity(source, receiver);
+            errors.add(10.0 * got.log10(), passed(&exact, source, receiver));
+            let error = (got / opening.intensity(receiver, source)).log10();
+            assert!(error.abs() < 1e-7, "{width_m} m, {before:?} {behind:?}: {error}");
         }
     }
     // Its edges alone: 0.59 dB.

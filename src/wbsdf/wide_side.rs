@@ -34,6 +34,7 @@ const NEAR: [f64; 2] = [1.5, 3.0];
 /// One wide side of an opening in one band.
 pub(super) struct WideSide {
     limits_m: [f64; 2],
+    mask: Mask,
     spectrum: Spectrum,
     /// Share of the depth, and the side through the thick wall.
     deep: f64,
@@ -53,7 +54,8 @@ impl WideSide {
     /// has the rest.
     pub(super) fn new(limits_m: [f64; 2], (deep, thickness_m): (f64, f64), spectrum: &Spectrum) -> Self {
         let reveals = (deep > 0.0).then(|| Reveals::new(limits_m[1] - limits_m[0], thickness_m, spectrum));
-        Self { limits_m, spectrum: *spectrum, deep, reveals, thin: Timed::default() }
+        let mask = Mask::new(&[limits_m]);
+        Self { limits_m, mask, spectrum: *spectrum, deep, reveals, thin: Timed::default() }
     }
 
     /// What the intensity that its edges send for `crossing`, whose shortest way leads over `over_m`, is to be multiplied by.
@@ -65,13 +67,12 @@ impl WideSide {
 
     /// The same in a thin wall: 1 but for sound that runs along the opening, where it is not too wide.
     fn along(&self, crossing: &Crossing) -> f64 {
-        let mask = Mask::new(&[self.limits_m]);
-        let share = exact_share(&mask, crossing, &self.spectrum) * self.away(crossing);
+        let share = exact_share(&self.mask, crossing, &self.spectrum) * self.away(crossing);
         if share == 0.0 {
             return 1.0;
         }
-        let solved = self.thin.get_or_make(|| BandApertures::new(&mask, 0.0, &self.spectrum, 1.0).prepared());
-        share * over_edges(solved, &mask, 0.0, crossing, &self.spectrum) + 1.0 - share
+        let solved = self.thin.get_or_make(|| BandApertures::new(&self.mask, 0.0, &self.spectrum, 1.0).prepared());
+        share * over_edges(solved, &self.mask, 0.0, crossing, &self.spectrum) + 1.0 - share
     }
 
     /// 1 where source and receiver are away from the side, 0 where one is near, smooth between: there its edges have what runs along
